@@ -66,10 +66,4 @@ impl EnvSpec {
             names: self.task.action_names.iter().map(|&name| name.to_owned()).collect(),
         }
     }
-
-    /// Simulated seconds in a step.
-    #[must_use]
-    pub fn control_timestep_s(&self) -> f64 {
-        self.task.physics_timestep_s * f64::from(self.task.frame_skip)
-    }
 }

@@ -64,6 +64,12 @@ pub struct TaskSpec {
 }
 
 impl TaskSpec {
+    /// Simulated seconds in a step.
+    #[must_use]
+    pub fn control_timestep_s(&self) -> f64 {
+        self.physics_timestep_s * f64::from(self.frame_skip)
+    }
+
     /// Indices into the full observation that `mask` keeps, ascending.
     #[must_use]
     pub fn mask_indices(&self, mask: Mask) -> Vec<usize> {

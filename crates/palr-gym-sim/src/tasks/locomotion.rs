@@ -1,0 +1,52 @@
+//! What Gymnasium's locomotion tasks share, down to the order of additions.
+
+use palr_gym_core::random::Generator;
+
+/// `weight * sum(square(action))` as NumPy computes it for float32 actions: everything in f32;
+/// fewer than eight terms are added left to right, eight pairwise.
+///
+/// Other lengths do not occur: the tasks have 3, 6 and 8 actuators.
+pub(super) fn control_cost(weight: f32, action: &[f32]) -> f32 {
+    let sum = match *action {
+        [a, b, c, d, e, f, g, h] => {
+            ((a * a + b * b) + (c * c + d * d)) + ((e * e + f * f) + (g * g + h * h))
+        }
+        _ => action.iter().map(|entry| entry * entry).sum(),
+    };
+    weight * sum
+}
+
+/// Adds U(-scale, scale) to each entry.
+pub(super) fn add_uniform(generator: &mut Generator, scale: f64, values: &mut [f64]) {
+    for value in values {
+        *value += generator.uniform(-scale, scale);
+    }
+}
+
+/// Adds scale * N(0, 1) to each entry.
+pub(super) fn add_normal(generator: &mut Generator, scale: f64, values: &mut [f64]) {
+    for value in values {
+        *value += scale * generator.standard_normal();
+    }
+}
+
+/// Writes `qpos[skip..]`, then qvel clipped to ± `velocity_bound`.
+pub(super) fn observe(
+    qpos: &[f64],
+    skip: usize,
+    qvel: &[f64],
+    velocity_bound: f64,
+    observation: &mut [f64],
+) {
+    let (positions, velocities) = observation.split_at_mut(qpos.len() - skip);
+    positions.copy_from_slice(&qpos[skip..]);
+    for (slot, &velocity) in velocities.iter_mut().zip(qvel) {
+        // `clamp` keeps NaN, as NumPy's clip does.
+        *slot = velocity.clamp(-velocity_bound, velocity_bound);
+    }
+}
+
+/// True if `low < value < high`; false for NaN.
+pub(super) fn is_within(value: f64, low: f64, high: f64) -> bool {
+    low < value && value < high
+}

@@ -1,0 +1,123 @@
+//! Properties that every task keeps, whichever they are.
+
+use std::collections::BTreeSet;
+use std::path::Path;
+
+use mujoco_rs::prelude::{MjModel, MjtObjBase};
+use palr_gym_core::Mask;
+
+use super::*;
+use crate::env::Env;
+
+fn names(model: &MjModel, kind: MjtObjBase, count: i32) -> Vec<&str> {
+    (0..count as usize).map(|id| model.id_to_name(kind, id).unwrap()).collect()
+}
+
+#[test]
+fn scene_files_task_modules_and_registry_stand_one_to_one() {
+    let folder = |relative: &str, extension: &str| -> BTreeSet<String> {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(relative);
+        std::fs::read_dir(path)
+            .unwrap()
+            .map(|entry| entry.unwrap().path())
+            .filter(|path| path.extension().is_some_and(|found| found == extension))
+            .map(|path| path.file_stem().unwrap().to_str().unwrap().to_owned())
+            .collect()
+    };
+    let registered: BTreeSet<String> =
+        TASKS.iter().map(|task| task.spec().name.to_owned()).collect();
+    let mut modules = folder("src/tasks", "rs");
+    for helper in ["tests", "locomotion"] {
+        assert!(modules.remove(helper));
+    }
+    assert_eq!(folder("../../scenes", "xml"), registered);
+    assert_eq!(modules, registered);
+    assert!(TASKS.is_sorted_by_key(|task| task.spec().name));
+}
+
+#[test]
+fn specs_agree_with_their_compiled_scenes() {
+    for task in TASKS {
+        let spec = task.spec();
+        let model = task.scene().model().unwrap();
+        let ffi = model.ffi();
+        assert_eq!(spec.physics_timestep_s, ffi.opt.timestep, "{}", spec.name);
+        assert_eq!(
+            names(&model, MjtObjBase::mjOBJ_ACTUATOR, ffi.nu as i32),
+            spec.action_names,
+            "{}",
+            spec.name
+        );
+        assert!(model.actuator_ctrlrange().iter().all(|range| *range == [-1.0, 1.0]));
+        assert!(spec.strict_mask.iter().all(|&i| spec.observation[i].name.starts_with("qpos")));
+
+        // Observation names follow the joints in the order of their addresses; a joint with
+        // several coordinates appends each one's name after a dot.
+        let joints = names(&model, MjtObjBase::mjOBJ_JOINT, ffi.njnt as i32);
+        for (kind, widths) in [("qpos", [7, 4, 1, 1]), ("qvel", [6, 3, 1, 1])] {
+            let expected: Vec<String> = joints
+                .iter()
+                .zip(model.jnt_type())
+                .flat_map(|(joint, joint_type)| {
+                    let width = widths[*joint_type as usize];
+                    std::iter::repeat_n(format!("{kind}[{joint}]"), width)
+                })
+                .collect();
+            let got: Vec<String> = spec
+                .observation
+                .iter()
+                .filter(|entry| entry.name.starts_with(kind))
+                .map(|entry| match entry.name.split_once('.') {
+                    Some((joint, _)) => format!("{joint}]"),
+                    None => entry.name.to_owned(),
+                })
+                .collect();
+            // Positions along the track are not observed.
+            assert_eq!(got, expected[expected.len() - got.len()..], "{}", spec.name);
+        }
+    }
+}
+
+#[test]
+fn every_task_keeps_the_properties_of_an_environment() {
+    for task in TASKS {
+        let spec = task.spec();
+        let unique: BTreeSet<_> = spec.observation.iter().map(|entry| entry.name).collect();
+        assert_eq!(unique.len(), spec.observation.len(), "{}", spec.name);
+        for mask in Mask::ALL {
+            let indices = spec.mask_indices(mask);
+            assert!(indices.is_sorted_by(|a, b| a < b) && !indices.is_empty());
+            assert!(indices.iter().all(|&index| index < spec.observation.len()));
+        }
+        let (task, env_spec) = resolve(spec.name).unwrap();
+        let mut env = Env::new(task, &env_spec).unwrap();
+        let mut info = vec![0.0; spec.info_names.len()];
+        let mut low = vec![f64::INFINITY; spec.observation.len()];
+        let mut high = vec![f64::NEG_INFINITY; spec.observation.len()];
+        let mut generator = Generator::from_seed(1);
+        env.reset(Some(0));
+        for _ in 0..200 {
+            let action: Vec<f32> =
+                spec.action_names.iter().map(|_| generator.uniform(-1.0, 1.0) as f32).collect();
+            let transition = env.step(&action, &mut info);
+            assert!(transition.reward.is_finite() && info.iter().all(|value| value.is_finite()));
+            for (i, value) in env.observation().iter().enumerate() {
+                assert!(value.abs() <= spec.observation[i].bound);
+                (low[i], high[i]) = (low[i].min(*value), high[i].max(*value));
+            }
+            if transition.is_last() {
+                env.reset(None);
+            }
+        }
+        assert!(low.iter().zip(&high).all(|(low, high)| low < high), "{}", spec.name);
+    }
+}
+
+#[test]
+fn an_unknown_task_is_answered_with_the_nearest_one() {
+    let error = resolve("hoper-w2").err().unwrap().to_string();
+    assert_eq!(
+        error,
+        "unknown task \"hoper\" (did you mean \"hopper\"?); expected one of ant, halfcheetah, hopper, walker2d"
+    );
+}
