@@ -8,6 +8,7 @@
 //! - [`options`]: autoreset modes, out-of-bounds handling, masks.
 //! - [`score`]: normalised scores and their statistics.
 //! - [`random`]: NumPy's generator, bit for bit.
+//! - [`tanh_gaussian`]: the distribution of stochastic policies.
 //! - [`nearest`]: "did you mean" for names.
 //!
 //! Not here: anything that reads a file, opens a socket or calls MuJoCo.
@@ -20,6 +21,7 @@ pub mod random;
 pub mod score;
 pub mod space;
 pub mod spec;
+pub mod tanh_gaussian;
 pub mod task;
 
 pub use env_id::{EnvId, EnvIdError};

@@ -1,0 +1,78 @@
+"""Gymnasium client for palr-gym, a server of partially observed MuJoCo environments.
+
+- `gymnasium.make("palr_gym/hopper-w2-v0", server="localhost:7257")`: one environment.
+- `gymnasium.make_vec("palr_gym/hopper-w2-v0", num_envs=64, server=...)`: many, in one session.
+- `evaluate("hopper-w2", "policy.onnx")`, `collect("hopper", "expert", transitions=30_000)`: the
+  server steps the environments itself.
+- `Client`: everything else that a server offers.
+
+Importing this package registers the environments with Gymnasium. It opens no connection.
+"""
+
+from palr_gym._version import VERSION as __version__
+from palr_gym.client import DEFAULT_SERVER, SERVER_VARIABLE, Client
+from palr_gym.collection import Dataset, collect
+from palr_gym.env import RemoteEnv
+from palr_gym.errors import (
+    Cancelled,
+    DeadlineExceeded,
+    FailedPrecondition,
+    InvalidArgument,
+    NotFound,
+    PalrGymError,
+    ResetNeeded,
+    ResourceExhausted,
+    ServerError,
+    ServerUnavailable,
+    Unimplemented,
+)
+from palr_gym.evaluation import EpisodeResult, Evaluation, evaluate
+from palr_gym.registration import make, make_vec, register_envs
+from palr_gym.session import Session, StepResult
+from palr_gym.specs import (
+    EnvironmentSpec,
+    Expert,
+    ReferenceReturns,
+    ServerInfo,
+    ServerLimits,
+    Task,
+)
+from palr_gym.vector import RemoteVectorEnv
+
+__all__ = [
+    "DEFAULT_SERVER",
+    "SERVER_VARIABLE",
+    "Cancelled",
+    "Client",
+    "Dataset",
+    "DeadlineExceeded",
+    "EnvironmentSpec",
+    "EpisodeResult",
+    "Evaluation",
+    "Expert",
+    "FailedPrecondition",
+    "InvalidArgument",
+    "NotFound",
+    "PalrGymError",
+    "ReferenceReturns",
+    "RemoteEnv",
+    "RemoteVectorEnv",
+    "ResetNeeded",
+    "ResourceExhausted",
+    "ServerError",
+    "ServerInfo",
+    "ServerLimits",
+    "ServerUnavailable",
+    "Session",
+    "StepResult",
+    "Task",
+    "Unimplemented",
+    "__version__",
+    "collect",
+    "evaluate",
+    "make",
+    "make_vec",
+    "register_envs",
+]
+
+register_envs()

@@ -1,0 +1,136 @@
+from palr_gym._proto.palr_gym.v1 import tensor_pb2 as _tensor_pb2
+from google.protobuf.internal import containers as _containers
+from google.protobuf.internal import enum_type_wrapper as _enum_type_wrapper
+from google.protobuf import descriptor as _descriptor
+from google.protobuf import message as _message
+from collections.abc import Iterable as _Iterable, Mapping as _Mapping
+from typing import ClassVar as _ClassVar, Optional as _Optional, Union as _Union
+
+DESCRIPTOR: _descriptor.FileDescriptor
+
+class Mask(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+    __slots__ = ()
+    MASK_UNSPECIFIED: _ClassVar[Mask]
+    MASK_FULL: _ClassVar[Mask]
+    MASK_PAPER: _ClassVar[Mask]
+    MASK_STRICT: _ClassVar[Mask]
+
+class AutoresetMode(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+    __slots__ = ()
+    AUTORESET_MODE_UNSPECIFIED: _ClassVar[AutoresetMode]
+    AUTORESET_MODE_NEXT_STEP: _ClassVar[AutoresetMode]
+    AUTORESET_MODE_SAME_STEP: _ClassVar[AutoresetMode]
+    AUTORESET_MODE_DISABLED: _ClassVar[AutoresetMode]
+
+class OutOfBounds(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+    __slots__ = ()
+    OUT_OF_BOUNDS_UNSPECIFIED: _ClassVar[OutOfBounds]
+    OUT_OF_BOUNDS_REJECT: _ClassVar[OutOfBounds]
+    OUT_OF_BOUNDS_CLIP: _ClassVar[OutOfBounds]
+    OUT_OF_BOUNDS_RAW: _ClassVar[OutOfBounds]
+MASK_UNSPECIFIED: Mask
+MASK_FULL: Mask
+MASK_PAPER: Mask
+MASK_STRICT: Mask
+AUTORESET_MODE_UNSPECIFIED: AutoresetMode
+AUTORESET_MODE_NEXT_STEP: AutoresetMode
+AUTORESET_MODE_SAME_STEP: AutoresetMode
+AUTORESET_MODE_DISABLED: AutoresetMode
+OUT_OF_BOUNDS_UNSPECIFIED: OutOfBounds
+OUT_OF_BOUNDS_REJECT: OutOfBounds
+OUT_OF_BOUNDS_CLIP: OutOfBounds
+OUT_OF_BOUNDS_RAW: OutOfBounds
+
+class BoxSpace(_message.Message):
+    __slots__ = ("dtype", "shape", "low", "high", "names")
+    DTYPE_FIELD_NUMBER: _ClassVar[int]
+    SHAPE_FIELD_NUMBER: _ClassVar[int]
+    LOW_FIELD_NUMBER: _ClassVar[int]
+    HIGH_FIELD_NUMBER: _ClassVar[int]
+    NAMES_FIELD_NUMBER: _ClassVar[int]
+    dtype: _tensor_pb2.DataType
+    shape: _containers.RepeatedScalarFieldContainer[int]
+    low: _containers.RepeatedScalarFieldContainer[float]
+    high: _containers.RepeatedScalarFieldContainer[float]
+    names: _containers.RepeatedScalarFieldContainer[str]
+    def __init__(self, dtype: _Optional[_Union[_tensor_pb2.DataType, str]] = ..., shape: _Optional[_Iterable[int]] = ..., low: _Optional[_Iterable[float]] = ..., high: _Optional[_Iterable[float]] = ..., names: _Optional[_Iterable[str]] = ...) -> None: ...
+
+class ReferenceReturns(_message.Message):
+    __slots__ = ("random", "expert")
+    RANDOM_FIELD_NUMBER: _ClassVar[int]
+    EXPERT_FIELD_NUMBER: _ClassVar[int]
+    random: float
+    expert: float
+    def __init__(self, random: _Optional[float] = ..., expert: _Optional[float] = ...) -> None: ...
+
+class Expert(_message.Message):
+    __slots__ = ("sha256", "card_return", "model_card")
+    SHA256_FIELD_NUMBER: _ClassVar[int]
+    CARD_RETURN_FIELD_NUMBER: _ClassVar[int]
+    MODEL_CARD_FIELD_NUMBER: _ClassVar[int]
+    sha256: str
+    card_return: float
+    model_card: str
+    def __init__(self, sha256: _Optional[str] = ..., card_return: _Optional[float] = ..., model_card: _Optional[str] = ...) -> None: ...
+
+class Task(_message.Message):
+    __slots__ = ("name", "description", "equals", "full_observation_size", "action_size", "max_episode_steps", "masks", "reference_returns", "expert")
+    NAME_FIELD_NUMBER: _ClassVar[int]
+    DESCRIPTION_FIELD_NUMBER: _ClassVar[int]
+    EQUALS_FIELD_NUMBER: _ClassVar[int]
+    FULL_OBSERVATION_SIZE_FIELD_NUMBER: _ClassVar[int]
+    ACTION_SIZE_FIELD_NUMBER: _ClassVar[int]
+    MAX_EPISODE_STEPS_FIELD_NUMBER: _ClassVar[int]
+    MASKS_FIELD_NUMBER: _ClassVar[int]
+    REFERENCE_RETURNS_FIELD_NUMBER: _ClassVar[int]
+    EXPERT_FIELD_NUMBER: _ClassVar[int]
+    name: str
+    description: str
+    equals: str
+    full_observation_size: int
+    action_size: int
+    max_episode_steps: int
+    masks: _containers.RepeatedCompositeFieldContainer[TaskMask]
+    reference_returns: ReferenceReturns
+    expert: Expert
+    def __init__(self, name: _Optional[str] = ..., description: _Optional[str] = ..., equals: _Optional[str] = ..., full_observation_size: _Optional[int] = ..., action_size: _Optional[int] = ..., max_episode_steps: _Optional[int] = ..., masks: _Optional[_Iterable[_Union[TaskMask, _Mapping]]] = ..., reference_returns: _Optional[_Union[ReferenceReturns, _Mapping]] = ..., expert: _Optional[_Union[Expert, _Mapping]] = ...) -> None: ...
+
+class TaskMask(_message.Message):
+    __slots__ = ("mask", "indices")
+    MASK_FIELD_NUMBER: _ClassVar[int]
+    INDICES_FIELD_NUMBER: _ClassVar[int]
+    mask: Mask
+    indices: _containers.RepeatedScalarFieldContainer[int]
+    def __init__(self, mask: _Optional[_Union[Mask, str]] = ..., indices: _Optional[_Iterable[int]] = ...) -> None: ...
+
+class EnvironmentSpec(_message.Message):
+    __slots__ = ("env_id", "task", "mask", "frame_stack", "observation_space", "action_space", "max_episode_steps", "frame_skip", "physics_timestep_s", "control_timestep_s", "info_names", "reference_returns", "has_expert", "mask_indices")
+    ENV_ID_FIELD_NUMBER: _ClassVar[int]
+    TASK_FIELD_NUMBER: _ClassVar[int]
+    MASK_FIELD_NUMBER: _ClassVar[int]
+    FRAME_STACK_FIELD_NUMBER: _ClassVar[int]
+    OBSERVATION_SPACE_FIELD_NUMBER: _ClassVar[int]
+    ACTION_SPACE_FIELD_NUMBER: _ClassVar[int]
+    MAX_EPISODE_STEPS_FIELD_NUMBER: _ClassVar[int]
+    FRAME_SKIP_FIELD_NUMBER: _ClassVar[int]
+    PHYSICS_TIMESTEP_S_FIELD_NUMBER: _ClassVar[int]
+    CONTROL_TIMESTEP_S_FIELD_NUMBER: _ClassVar[int]
+    INFO_NAMES_FIELD_NUMBER: _ClassVar[int]
+    REFERENCE_RETURNS_FIELD_NUMBER: _ClassVar[int]
+    HAS_EXPERT_FIELD_NUMBER: _ClassVar[int]
+    MASK_INDICES_FIELD_NUMBER: _ClassVar[int]
+    env_id: str
+    task: str
+    mask: Mask
+    frame_stack: int
+    observation_space: BoxSpace
+    action_space: BoxSpace
+    max_episode_steps: int
+    frame_skip: int
+    physics_timestep_s: float
+    control_timestep_s: float
+    info_names: _containers.RepeatedScalarFieldContainer[str]
+    reference_returns: ReferenceReturns
+    has_expert: bool
+    mask_indices: _containers.RepeatedScalarFieldContainer[int]
+    def __init__(self, env_id: _Optional[str] = ..., task: _Optional[str] = ..., mask: _Optional[_Union[Mask, str]] = ..., frame_stack: _Optional[int] = ..., observation_space: _Optional[_Union[BoxSpace, _Mapping]] = ..., action_space: _Optional[_Union[BoxSpace, _Mapping]] = ..., max_episode_steps: _Optional[int] = ..., frame_skip: _Optional[int] = ..., physics_timestep_s: _Optional[float] = ..., control_timestep_s: _Optional[float] = ..., info_names: _Optional[_Iterable[str]] = ..., reference_returns: _Optional[_Union[ReferenceReturns, _Mapping]] = ..., has_expert: _Optional[bool] = ..., mask_indices: _Optional[_Iterable[int]] = ...) -> None: ...
