@@ -11,12 +11,10 @@ message builder (protobuf >= 4.21). `google.rpc.status` comes from googleapis-co
 
 import argparse
 import re
+import subprocess
 import sys
 import tempfile
-from importlib.resources import files
 from pathlib import Path
-
-from grpc_tools import protoc
 
 ROOT = Path(__file__).resolve().parent.parent
 PROTO_DIR = ROOT / "proto"
@@ -44,18 +42,9 @@ def generate() -> dict[Path, str]:
         path.relative_to(PROTO_DIR).as_posix() for path in (PROTO_DIR / PACKAGE).glob("*.proto")
     )
     with tempfile.TemporaryDirectory() as folder:
-        status = protoc.main(
-            [
-                "protoc",
-                f"--proto_path={PROTO_DIR}",
-                f"--proto_path={files('grpc_tools') / '_proto'}",
-                f"--python_out={folder}",
-                f"--pyi_out={folder}",
-                *sources,
-            ]
-        )
-        if status != 0:
-            raise SystemExit(f"generate_python_stubs.py: protoc failed with status {status}")
+        options = [f"--proto_path={PROTO_DIR}", f"--python_out={folder}", f"--pyi_out={folder}"]
+        protoc = [sys.executable, "-m", "grpc_tools.protoc"]
+        subprocess.run([*protoc, *options, *sources], check=True)
         out = Path(folder)
         stubs = {
             path.relative_to(out): rewrite(path.read_text(encoding="utf-8"))

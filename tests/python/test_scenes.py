@@ -162,7 +162,7 @@ TASKS = (
     ),
 )
 
-each_task = pytest.mark.parametrize("task", TASKS, ids=lambda task: cast(Task, task).scene)
+each_task = pytest.mark.parametrize("task", TASKS, ids=lambda task: cast("Task", task).scene)
 
 
 @dataclass(frozen=True)
@@ -216,7 +216,7 @@ def load_reference(task: Task) -> Reference:
     with warnings.catch_warnings():
         # "out of date, consider v5": -v4 is the one our tasks define themselves by.
         warnings.simplefilter("ignore", DeprecationWarning)
-        env = cast(Any, gymnasium.make(task.gymnasium_id))
+        env = cast("Any", gymnasium.make(task.gymnasium_id))
     try:
         return Reference(model=env.unwrapped.model, frame_skip=int(env.unwrapped.frame_skip))
     finally:
@@ -241,7 +241,7 @@ def physics_fields(struct: object, prefix: str = "") -> Iterator[tuple[str, Arra
             continue
         value: object = getattr(struct, name)
         if isinstance(value, np.ndarray):
-            yield field, cast(Array, value)
+            yield field, cast("Array", value)
         elif isinstance(value, int | float):
             yield field, np.asarray(value)
         elif isinstance(value, bytes):
@@ -408,7 +408,7 @@ def test_joints_and_actuators_bear_their_standard_names_in_standard_order(task: 
 
     assert element_names(model, "joint", model.njnt) == task.joints
     assert element_names(model, "actuator", model.nu) == task.actuators
-    driven = cast(list[int], model.actuator_trnid[:, 0].tolist())
+    driven = cast("list[int]", model.actuator_trnid[:, 0].tolist())
     assert task.actuators == tuple(task.joints[joint] for joint in driven)
 
 

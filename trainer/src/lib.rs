@@ -1,1 +1,26 @@
-//! .
+//! The Rust client of the service, and what is built on it: recorded data, evaluations, runs and
+//! their pictures.
+//!
+//! Everything here reaches environments through gRPC only; nothing links to MuJoCo.
+//!
+//! # Layout
+//! - [`client`]: connections, calls, errors.
+//! - [`session`]: a session of environments, stepped over a stream.
+//! - [`evaluate`]: evaluation on the server.
+//! - [`collect`]: demonstrations to a file, resumable; [`journal`] is what makes them so.
+//! - [`runs`]: run folders that never mix.
+//! - [`plot`]: figures, as SVG and PNG.
+
+pub mod client;
+pub mod collect;
+pub mod error;
+pub mod evaluate;
+pub mod journal;
+pub mod plot;
+pub mod policy;
+pub mod runs;
+pub mod session;
+
+pub use client::{Client, ServerAddress};
+pub use error::ClientError;
+pub use policy::PolicySource;

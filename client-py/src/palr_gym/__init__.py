@@ -9,7 +9,7 @@
 Importing this package registers the environments with Gymnasium. It opens no connection.
 """
 
-from palr_gym._version import VERSION as __version__
+from palr_gym._version import __version__
 from palr_gym.client import DEFAULT_SERVER, SERVER_VARIABLE, Client
 from palr_gym.collection import Dataset, collect
 from palr_gym.env import RemoteEnv

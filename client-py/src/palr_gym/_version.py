@@ -1,3 +1,3 @@
 """The version of this package, in a module that imports nothing."""
 
-VERSION = "0.1.0"
+__version__ = "0.1.0"

@@ -1,9 +1,16 @@
 """Where a server listens: `host:port` or `unix:/path`."""
 
+import os
 import re
 from dataclasses import dataclass
 
 from palr_gym.errors import InvalidArgument
+
+SERVER_VARIABLE = "PALR_GYM_SERVER"
+"""Environment variable with the address of the server to use when none is named."""
+
+DEFAULT_SERVER = "localhost:7257"
+"""The server to use when neither an argument nor the variable names one."""
 
 _HOST_AND_PORT = re.compile(r"(?P<host>\[[0-9a-fA-F:.%]+\]|[^\s:/\[\]]+):(?P<port>[0-9]{1,5})")
 _LOOPBACK = ("localhost", "127.0.0.1", "[::1]")
@@ -17,6 +24,11 @@ class Address:
 
     target: str
     options: ChannelOptions
+
+
+def server_or_default(server: str | None) -> str:
+    """`server`, or what the environment variable says, or the default."""
+    return server or os.environ.get(SERVER_VARIABLE) or DEFAULT_SERVER
 
 
 def parse_address(server: str) -> Address:

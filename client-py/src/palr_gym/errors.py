@@ -158,6 +158,7 @@ def from_rpc_error(
 def _details(call: grpc.Call) -> tuple[error_details.ErrorInfo, float | None]:
     """ErrorInfo and the seconds of RetryInfo from the trailers; empty and None if absent."""
     info = error_details.ErrorInfo()
+    retry = error_details.RetryInfo()
     retry_after_s = None
     for key, value in call.trailing_metadata() or ():
         if key != STATUS_TRAILER or not isinstance(value, bytes):
@@ -165,11 +166,9 @@ def _details(call: grpc.Call) -> tuple[error_details.ErrorInfo, float | None]:
         try:
             status = rpc_status.Status.FromString(value)
             for detail in status.details:
-                if detail.Is(error_details.ErrorInfo.DESCRIPTOR):
-                    detail.Unpack(info)
-                elif detail.Is(error_details.RetryInfo.DESCRIPTOR):
-                    retry = error_details.RetryInfo()
-                    detail.Unpack(retry)
+                # Unpack is false and does nothing if the detail is something else.
+                detail.Unpack(info)
+                if detail.Unpack(retry):
                     retry_after_s = retry.retry_delay.seconds + retry.retry_delay.nanos * 1e-9
         except DecodeError:
             # A proxy's trailer, not ours: the status code and its text still tell what happened.

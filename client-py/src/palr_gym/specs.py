@@ -1,7 +1,7 @@
 """What a server says about itself, its tasks and its environments, as plain values."""
 
 from dataclasses import dataclass
-from typing import Any, cast
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from gymnasium.spaces import Box
@@ -11,6 +11,8 @@ from palr_gym._proto.palr_gym.v1 import (
     environment_service_pb2,
     server_service_pb2,
 )
+
+Real = TypeVar("Real", bound=np.floating[Any])
 
 
 @dataclass(frozen=True)
@@ -90,10 +92,10 @@ class EnvironmentSpec:
     """What the agent sees of the full observation: "full", "paper" or "strict"."""
     frame_stack: int
     """Observations in a stack, oldest first. Steps before the first one are zeros."""
-    observation_space: Box
+    observation_space: "Box[np.float64]"
     """Shape (observation size,), float64."""
     observation_names: tuple[str, ...]
-    action_space: Box
+    action_space: "Box[np.float32]"
     """Shape (action size,), float32."""
     action_names: tuple[str, ...]
     max_episode_steps: int
@@ -181,13 +183,15 @@ def _reference_returns(message: environment_pb2.ReferenceReturns) -> ReferenceRe
 
 
 def _mask_name(mask: environment_pb2.Mask) -> str:
-    return cast("str", environment_pb2.Mask.Name(mask)).removeprefix("MASK_").lower()
+    try:
+        return environment_pb2.Mask.Name(mask).removeprefix("MASK_").lower()
+    except ValueError:
+        # A newer server's mask.
+        return str(int(mask))
 
 
-def _box(message: environment_pb2.BoxSpace, dtype: type[np.floating[Any]]) -> Box:
+def _box(message: environment_pb2.BoxSpace, dtype: type[Real]) -> "Box[Real]":
     shape = tuple(message.shape)
-    return Box(
-        low=np.array(message.low, dtype=dtype).reshape(shape),
-        high=np.array(message.high, dtype=dtype).reshape(shape),
-        dtype=dtype,
-    )
+    low = np.array(message.low, dtype=dtype).reshape(shape)
+    high = np.array(message.high, dtype=dtype).reshape(shape)
+    return cast("Box[Real]", Box(low, high, dtype=dtype))

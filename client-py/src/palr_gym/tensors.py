@@ -58,9 +58,18 @@ def elements(data: bytes, dtype: np.dtype[Any], shape: tuple[int, ...]) -> NDArr
     Raises:
         ServerError: `data` is longer or shorter than `shape` says.
     """
+    return _view(data, dtype, shape).copy()
+
+
+def columns(data: bytes, dtype: np.dtype[Any], shape: tuple[int, int]) -> NDArray[Any]:
+    """Like `elements`, transposed: each column of `shape` becomes a contiguous row."""
+    return _view(data, dtype, shape).T.copy()
+
+
+def _view(data: bytes, dtype: np.dtype[Any], shape: tuple[int, ...]) -> NDArray[Any]:
     try:
-        return np.frombuffer(data, dtype).reshape(shape).copy()
-    except ValueError as error:
+        return np.frombuffer(data, dtype).reshape(shape)
+    except ValueError:
         raise ServerError(
             f"the server sent {len(data)} bytes; expected {dtype} of shape {list(shape)}"
-        ) from error
+        ) from None

@@ -1,0 +1,301 @@
+"""Many remote environments with Gymnasium's vector interface."""
+
+from collections.abc import Sequence
+from typing import Any, Self, SupportsIndex, cast
+
+import grpc
+import numpy as np
+from gymnasium.error import AlreadyPendingCallError, ClosedEnvironmentError, NoAsyncCallError
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import ArrayLike, NDArray
+
+from palr_gym.address import server_or_default
+from palr_gym.arguments import unsigned
+from palr_gym.connection import DEFAULT_DEADLINE_S, Connection
+from palr_gym.env import refuse_render_mode
+from palr_gym.errors import UNANSWERED, InvalidArgument, ResetNeeded
+from palr_gym.session import OutOfBounds, Session, StepResult
+from palr_gym.specs import EnvironmentSpec
+
+VectorStep = tuple[
+    NDArray[np.float64],
+    NDArray[np.float64],
+    NDArray[np.bool_],
+    NDArray[np.bool_],
+    dict[str, Any],
+]
+
+
+class RemoteVectorEnv(VectorEnv[NDArray[np.float64], NDArray[np.float32], NDArray[Any]]):
+    """Environments that a palr-gym server steps side by side, in one call.
+
+    Behaves as `gymnasium.vector.SyncVectorEnv` around the same environments does: seeding,
+    autoreset modes, `reset(options={"reset_mask": ...})`, layout of `infos`. Every array that is
+    returned is new and the caller's own. Infos are always float64.
+
+    `step_async` sends a step and `step_wait` takes its result, so that the client can work (or
+    step another vector environment) while the server does.
+
+    Attributes:
+        remote_spec: The environment as the server describes it.
+    """
+
+    def __init__(
+        self,
+        env_id: str,
+        num_envs: SupportsIndex = 1,
+        *,
+        server: str | None = None,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        out_of_bounds: OutOfBounds = "reject",
+        deadline_s: float = DEFAULT_DEADLINE_S,
+        render_mode: str | None = None,
+    ) -> None:
+        """Opens a session of `num_envs` environments.
+
+        Args:
+            env_id: TASK[-full|-paper|-strict][-wN][-v0].
+            num_envs: N.
+            server: `host:port` or `unix:/path`; None: $PALR_GYM_SERVER, else localhost:7257.
+            autoreset_mode: What happens to an environment whose episode has ended.
+            out_of_bounds: What happens to an action outside the action space: "reject", "clip",
+                or "raw" (used as it is, as Gymnasium does).
+            deadline_s: Seconds that a call waits for its answer.
+            render_mode: Only None: this server renders nothing.
+
+        Raises:
+            PalrGymError: The kind that fits.
+        """
+        super().__init__()
+        # Until there is a session, there is nothing to close.
+        self.closed = True
+        refuse_render_mode(render_mode)
+        self._connection = Connection(server_or_default(server), deadline_s)
+        try:
+            self._session = Session(
+                self._connection,
+                env_id,
+                num_envs=num_envs,
+                autoreset_mode=autoreset_mode,
+                out_of_bounds=out_of_bounds,
+            )
+        except BaseException:
+            self._connection.close()
+            raise
+        self.closed = False
+        self.remote_spec: EnvironmentSpec = self._session.spec
+        self.num_envs = self._session.num_envs
+        self.metadata = {"render_modes": [], "autoreset_mode": self._session.autoreset_mode}
+        self.render_mode = None
+        self.single_observation_space = self.remote_spec.observation_space
+        self.single_action_space = self.remote_spec.action_space
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+        self._mask_names = tuple(f"_{name}" for name in self.remote_spec.info_names)
+        # Environments that the next step will reset; only ever set in NEXT_STEP.
+        self._resets_next: NDArray[np.bool_] | None = None
+        self._is_playing = False
+        self._pending: grpc.Future[bytes] | None = None
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[NDArray[np.float64], dict[str, Any]]:
+        """Starts episodes.
+
+        Args:
+            seed: None: the server's generators go on. One number: environment i is seeded with
+                seed + i. A list: one each, where None leaves a generator as it is.
+            options: `{"reset_mask": mask}` with a boolean array of shape (N,) resets only the
+                environments where it is true. Anything else in it is ignored.
+
+        Returns:
+            The current observations of all environments, shape (N, observation size), and an
+            empty info.
+
+        Raises:
+            PalrGymError: The kind that fits.
+        """
+        self._refuse_if_busy("reset")
+        mask = self._reset_mask(options)
+        every_index = np.arange(self.num_envs)
+        chosen = every_index if mask is None else every_index[mask]
+        if seed is None or isinstance(seed, SupportsIndex):
+            seed = None if seed is None else unsigned("seed", seed, 64)
+            seeds = () if seed is None else (seed,)
+            observations = self._session.reset(
+                seeds=seeds, env_indices=() if mask is None else chosen
+            )
+            super().reset(seed=seed)
+        else:
+            observations = self._reset_with_list(seed, chosen)
+        if mask is None:
+            self._is_playing = True
+            self._resets_next = None
+        elif self._resets_next is not None:
+            self._resets_next[mask] = False
+        return observations, {}
+
+    def step(self, actions: ArrayLike) -> VectorStep:
+        """Steps every environment once.
+
+        Args:
+            actions: Shape (N, action size), converted to float32.
+
+        Returns:
+            Observations of shape (N, observation size); rewards, terminated and truncated of
+            shape (N,); infos.
+
+        Raises:
+            ResetNeeded: There was no reset yet, an earlier step got no answer, or (DISABLED) an
+                episode has ended.
+            PalrGymError: The kind that fits.
+        """
+        self._refuse_unless_playing("step")
+        try:
+            return self._returned(self._session.step(actions))
+        except UNANSWERED:
+            self._is_playing = False
+            raise
+
+    def step_async(self, actions: ArrayLike) -> None:
+        """Sends a step; `step_wait` takes its result.
+
+        Args:
+            actions: Shape (N, action size), converted to float32.
+
+        Raises:
+            ResetNeeded: As by `step`.
+            AlreadyPendingCallError: The last step was not waited for.
+            PalrGymError: The kind that fits.
+        """
+        self._refuse_unless_playing("step_async")
+        self._pending = self._session.step_async(actions)
+
+    def step_wait(self) -> VectorStep:
+        """Waits for the step that `step_async` sent; returns and raises as `step` does.
+
+        Raises:
+            NoAsyncCallError: There is none.
+        """
+        pending, self._pending = self._pending, None
+        if pending is None:
+            raise NoAsyncCallError("step_wait() without step_async()", "step")
+        try:
+            return self._returned(self._session.step_wait(pending))
+        except UNANSWERED:
+            self._is_playing = False
+            raise
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Closes the session, if the server is still there."""
+        self._is_playing = False
+        if self._pending is not None:
+            self._pending.cancel()
+            self._pending = None
+        self._session.close()
+        self._connection.close()
+
+    def __enter__(self) -> Self:
+        """Returns itself."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Closes the environments."""
+        self.close()
+
+    def _returned(self, result: StepResult) -> VectorStep:
+        """The five values of `step`, infos laid out as `VectorEnv._add_info` does it."""
+        ended = result.terminated | result.truncated
+        infos: dict[str, Any] = {}
+        if self._session.autoreset_mode is AutoresetMode.SAME_STEP and ended.any():
+            # What the server reports is of the last step; the new episode has no info yet.
+            final = np.full(self.num_envs, None, dtype=object)
+            if result.final_observations is not None:
+                for index, observation in zip(
+                    np.flatnonzero(ended), result.final_observations, strict=True
+                ):
+                    final[index] = observation
+            infos["final_obs"] = final
+            infos["_final_obs"] = ended.copy()
+            infos["final_info"] = self._infos(result.info.copy(), ended)
+            infos["_final_info"] = ended.copy()
+            infos |= self._infos(result.info, ~ended)
+        elif self._resets_next is not None:
+            infos = self._infos(result.info, ~self._resets_next)
+        else:
+            masks = np.ones(result.info.shape, dtype=np.bool_)
+            infos = dict(zip(self.remote_spec.info_names, result.info, strict=True))
+            infos.update(zip(self._mask_names, masks, strict=True))
+        if self._session.autoreset_mode is AutoresetMode.NEXT_STEP:
+            self._resets_next = ended if ended.any() else None
+        return result.observations, result.rewards, result.terminated, result.truncated, infos
+
+    def _infos(self, info: NDArray[np.float64], has_info: NDArray[np.bool_]) -> dict[str, Any]:
+        """Infos of those environments that have any: zeros elsewhere, empty if none has.
+
+        Args:
+            info: [info names, N]. Written to.
+            has_info: [N].
+        """
+        if not has_info.any():
+            return {}
+        info[:, ~has_info] = 0.0
+        masks = np.tile(has_info, (len(info), 1))
+        infos: dict[str, Any] = dict(zip(self.remote_spec.info_names, info, strict=True))
+        infos.update(zip(self._mask_names, masks, strict=True))
+        return infos
+
+    def _reset_with_list(
+        self, seeds: Sequence[int | None], chosen: NDArray[np.integer[Any]]
+    ) -> NDArray[np.float64]:
+        if len(seeds) != self.num_envs:
+            raise InvalidArgument(
+                f"resetting {self.num_envs} environment(s) of {self.remote_spec.env_id}: "
+                f"{len(seeds)} seeds; expected one, or as many as environments",
+                reason="SEED_COUNT",
+            )
+        numbers = [0 if seed is None else unsigned("seed", seed, 64) for seed in seeds]
+        seeded = [index for index in chosen.tolist() if seeds[index] is not None]
+        unseeded = [index for index in chosen.tolist() if seeds[index] is None]
+        if not seeded:
+            return self._session.reset(env_indices=unseeded)
+        observations = self._session.reset(seeds=numbers, env_indices=seeded)
+        # The protocol seeds all or none of the environments that one request resets.
+        return self._session.reset(env_indices=unseeded) if unseeded else observations
+
+    def _reset_mask(self, options: dict[str, Any] | None) -> NDArray[np.bool_] | None:
+        """The mask in `options`, held to the rules of `SyncVectorEnv`."""
+        if options is None or "reset_mask" not in options:
+            return None
+        value: object = options["reset_mask"]
+        name = "options['reset_mask']"
+        if not isinstance(value, np.ndarray):
+            raise TypeError(f"{name} has type {type(value)}; expected a numpy array")
+        mask = cast("NDArray[Any]", value)
+        if mask.dtype != np.bool_:
+            raise TypeError(f"{name} has dtype {mask.dtype}; expected bool")
+        if mask.shape != (self.num_envs,):
+            raise InvalidArgument(f"{name} has shape {mask.shape}; expected ({self.num_envs},)")
+        if not mask.any():
+            raise InvalidArgument(f"{name} is false everywhere; expected at least one true entry")
+        return mask
+
+    def _refuse_unless_playing(self, what: str) -> None:
+        if self._pending is not None or not self._is_playing:
+            self._refuse_if_busy(what)
+            raise ResetNeeded(
+                f"{self.remote_spec.env_id}: no episodes are under way (there was no reset, or a "
+                f"call got no answer); call reset() before {what}()"
+            )
+
+    def _refuse_if_busy(self, what: str) -> None:
+        if self.closed:
+            raise ClosedEnvironmentError(f"{what}() of {self.remote_spec.env_id} after close()")
+        if self._pending is not None:
+            raise AlreadyPendingCallError(
+                f"{what}() of {self.remote_spec.env_id} before step_wait()", "step"
+            )

@@ -1,0 +1,323 @@
+//! Domain values to messages and back.
+
+use bytes::Bytes;
+use palr_gym_core::{ActionMode, AutoresetMode, BoxSpace, EnvSpec, Mask, OutOfBounds};
+use palr_gym_proto::v1;
+use palr_gym_sim::{StepFrame, Task};
+
+use crate::error::ServerError;
+use crate::experts::{self, MODEL_CARD, sha256};
+use crate::rollout::{Amount, EpisodeResult, EpisodeTransitions, EvaluationSummary, PolicyChoice};
+use crate::session::Encode;
+
+// Payloads are little-endian; so is every machine that MuJoCo's wheels exist for.
+const _: () = assert!(cfg!(target_endian = "little"));
+
+/// A float64 tensor.
+pub(crate) fn float64(values: &[f64], shape: &[usize]) -> v1::Tensor {
+    tensor(v1::DataType::Float64, bytemuck::cast_slice(values), shape)
+}
+
+/// A float32 tensor.
+pub(crate) fn float32(values: &[f32], shape: &[usize]) -> v1::Tensor {
+    tensor(v1::DataType::Float32, bytemuck::cast_slice(values), shape)
+}
+
+/// A bool tensor, one byte an element.
+pub(crate) fn boolean(values: &[bool], shape: &[usize]) -> v1::Tensor {
+    tensor(v1::DataType::Bool, bytemuck::cast_slice(values), shape)
+}
+
+fn tensor(dtype: v1::DataType, bytes: &[u8], shape: &[usize]) -> v1::Tensor {
+    v1::Tensor {
+        dtype: dtype.into(),
+        shape: shape.iter().map(|&size| size as i64).collect(),
+        data: Bytes::copy_from_slice(bytes),
+    }
+}
+
+/// The actions of a step: float32 `[num_envs, action_size]`.
+pub(crate) fn actions(
+    tensor: Option<&v1::Tensor>,
+    num_envs: usize,
+    action_size: usize,
+) -> Result<Vec<f32>, ServerError> {
+    let tensor = tensor.ok_or(ServerError::Missing {
+        field: "actions",
+        want: "a float32 tensor [num_envs, action size]",
+    })?;
+    if tensor.dtype() != v1::DataType::Float32 {
+        let got = match tensor.dtype() {
+            v1::DataType::Unspecified => format!("unspecified ({})", tensor.dtype),
+            v1::DataType::Float32 => "float32".to_owned(),
+            v1::DataType::Float64 => "float64".to_owned(),
+            v1::DataType::Bool => "bool".to_owned(),
+        };
+        return Err(ServerError::ActionDtype { got });
+    }
+    let is_shaped = tensor.shape == [num_envs as i64, action_size as i64];
+    if !is_shaped || tensor.data.len() != num_envs * action_size * size_of::<f32>() {
+        return Err(ServerError::ActionShape {
+            // As much of a stranger's shape as is worth quoting.
+            got: tensor.shape.iter().copied().take(8).collect(),
+            bytes: tensor.data.len(),
+            num_envs,
+            action_size,
+        });
+    }
+    // The payload sits at any address inside the received message.
+    Ok(bytemuck::allocation::pod_collect_to_vec(&tensor.data))
+}
+
+/// Encodes answers on the simulation thread, so that the network threads only copy bytes.
+#[derive(Debug, Clone, Copy)]
+pub struct WireEncode;
+
+/// The answer to a reset or a step.
+#[derive(Debug)]
+pub enum WireAnswer {
+    /// To a reset.
+    Reset(v1::ResetResponse),
+    /// To a step.
+    Step(v1::StepResponse),
+}
+
+impl Encode for WireEncode {
+    type Answer = WireAnswer;
+
+    fn reset(&self, spec: &EnvSpec, observations: &[f64]) -> WireAnswer {
+        let size = spec.observation_size();
+        WireAnswer::Reset(v1::ResetResponse {
+            observations: Some(float64(observations, &[observations.len() / size, size])),
+        })
+    }
+
+    fn step(&self, spec: &EnvSpec, frame: &StepFrame) -> WireAnswer {
+        let (size, num_envs) = (spec.observation_size(), frame.rewards.len());
+        let ended: Vec<f64> = frame
+            .final_observations
+            .chunks_exact(size)
+            .zip(frame.terminated.iter().zip(&frame.truncated))
+            .filter(|(_, (terminated, truncated))| **terminated || **truncated)
+            .flat_map(|(row, _)| row.iter().copied())
+            .collect();
+        WireAnswer::Step(v1::StepResponse {
+            observations: Some(float64(&frame.observations, &[num_envs, size])),
+            rewards: Some(float64(&frame.rewards, &[num_envs])),
+            terminated: Some(boolean(&frame.terminated, &[num_envs])),
+            truncated: Some(boolean(&frame.truncated, &[num_envs])),
+            info: Some(float64(&frame.info, &[num_envs, spec.task.info_names.len()])),
+            final_observations: (!ended.is_empty())
+                .then(|| float64(&ended, &[ended.len() / size, size])),
+        })
+    }
+}
+
+fn box_space(space: BoxSpace, dtype: v1::DataType) -> v1::BoxSpace {
+    v1::BoxSpace {
+        dtype: dtype.into(),
+        shape: vec![space.len() as i64],
+        low: space.low,
+        high: space.high,
+        names: space.names,
+    }
+}
+
+fn mask(mask: Mask) -> v1::Mask {
+    match mask {
+        Mask::Full => v1::Mask::Full,
+        Mask::Paper => v1::Mask::Paper,
+        Mask::Strict => v1::Mask::Strict,
+    }
+}
+
+fn indices(indices: &[usize]) -> Vec<u32> {
+    indices.iter().map(|&index| index as u32).collect()
+}
+
+fn reference_returns(returns: palr_gym_core::ReferenceReturns) -> v1::ReferenceReturns {
+    v1::ReferenceReturns { random: returns.random, expert: returns.expert }
+}
+
+/// What an environment is.
+pub(crate) fn environment_spec(spec: &EnvSpec) -> v1::EnvironmentSpec {
+    let task = spec.task;
+    v1::EnvironmentSpec {
+        env_id: spec.env_id.to_string(),
+        task: task.name.to_owned(),
+        mask: mask(spec.env_id.mask).into(),
+        frame_stack: spec.env_id.frame_stack as u32,
+        observation_space: Some(box_space(spec.observation_space(), v1::DataType::Float64)),
+        action_space: Some(box_space(spec.action_space(), v1::DataType::Float32)),
+        max_episode_steps: task.max_episode_steps,
+        frame_skip: task.frame_skip,
+        physics_timestep_s: task.physics_timestep_s,
+        control_timestep_s: task.control_timestep_s(),
+        info_names: task.info_names.iter().map(|&name| name.to_owned()).collect(),
+        reference_returns: Some(reference_returns(task.reference_returns)),
+        has_expert: experts::expert(task.name).is_some(),
+        mask_indices: indices(&spec.mask_indices),
+    }
+}
+
+/// What a task is.
+pub(crate) fn task(task: &dyn Task) -> v1::Task {
+    let spec = task.spec();
+    v1::Task {
+        name: spec.name.to_owned(),
+        description: spec.description.to_owned(),
+        equals: spec.equals.to_owned(),
+        full_observation_size: spec.observation.len() as u32,
+        action_size: spec.action_names.len() as u32,
+        max_episode_steps: spec.max_episode_steps,
+        masks: Mask::ALL
+            .into_iter()
+            .map(|value| v1::TaskMask {
+                mask: mask(value).into(),
+                indices: indices(&spec.mask_indices(value)),
+            })
+            .collect(),
+        reference_returns: Some(reference_returns(spec.reference_returns)),
+        expert: experts::expert(spec.name).map(|expert| v1::Expert {
+            sha256: sha256(expert.onnx),
+            card_return: expert.card_return,
+            model_card: MODEL_CARD.to_owned(),
+        }),
+    }
+}
+
+/// An enum number that the generated code knows, or an error that names the field.
+fn known<T: TryFrom<i32>>(
+    got: i32,
+    field: &'static str,
+    want: &'static str,
+) -> Result<T, ServerError> {
+    T::try_from(got).map_err(|_| ServerError::UnknownEnum { field, got, want })
+}
+
+pub(crate) fn autoreset_mode(value: i32) -> Result<AutoresetMode, ServerError> {
+    let want = "NEXT_STEP, SAME_STEP or DISABLED";
+    Ok(match known(value, "autoreset_mode", want)? {
+        v1::AutoresetMode::Unspecified | v1::AutoresetMode::NextStep => AutoresetMode::NextStep,
+        v1::AutoresetMode::SameStep => AutoresetMode::SameStep,
+        v1::AutoresetMode::Disabled => AutoresetMode::Disabled,
+    })
+}
+
+pub(crate) fn out_of_bounds(value: i32) -> Result<OutOfBounds, ServerError> {
+    Ok(match known(value, "out_of_bounds", "REJECT, CLIP or RAW")? {
+        v1::OutOfBounds::Unspecified | v1::OutOfBounds::Reject => OutOfBounds::Reject,
+        v1::OutOfBounds::Clip => OutOfBounds::Clip,
+        v1::OutOfBounds::Raw => OutOfBounds::Raw,
+    })
+}
+
+pub(crate) fn action_mode(value: i32) -> Result<ActionMode, ServerError> {
+    Ok(match known(value, "action_mode", "DETERMINISTIC or SAMPLED")? {
+        v1::ActionMode::Unspecified | v1::ActionMode::Deterministic => ActionMode::Deterministic,
+        v1::ActionMode::Sampled => ActionMode::Sampled,
+    })
+}
+
+pub(crate) fn policy(policy: Option<v1::Policy>) -> Result<PolicyChoice, ServerError> {
+    match policy.and_then(|policy| policy.policy) {
+        Some(v1::policy::Policy::Random(_)) => Ok(PolicyChoice::Random),
+        Some(v1::policy::Policy::Expert(_)) => Ok(PolicyChoice::Expert),
+        Some(v1::policy::Policy::Onnx(model)) => Ok(PolicyChoice::Onnx(model)),
+        None => Err(ServerError::Missing { field: "policy", want: "random, expert or onnx" }),
+    }
+}
+
+pub(crate) fn amount(
+    amount: Option<v1::collect_request::Amount>,
+    max_transitions: u64,
+    max_episodes: u32,
+) -> Result<Amount, ServerError> {
+    match amount {
+        None => Err(ServerError::Missing { field: "amount", want: "transitions or episodes" }),
+        Some(v1::collect_request::Amount::Transitions(got)) => {
+            in_range("transitions", got, max_transitions).map(Amount::Transitions)
+        }
+        Some(v1::collect_request::Amount::Episodes(got)) => {
+            in_range("episodes", u64::from(got), u64::from(max_episodes))?;
+            Ok(Amount::Episodes(got))
+        }
+    }
+}
+
+/// `got` if it is within 1 to `max`.
+pub(crate) fn in_range(field: &'static str, got: u64, max: u64) -> Result<u64, ServerError> {
+    if (1..=max).contains(&got) {
+        Ok(got)
+    } else {
+        Err(ServerError::OutOfRange { field, got, min: 1, max })
+    }
+}
+
+pub(crate) fn episode_result(episode: &EpisodeResult) -> v1::EvaluateResponse {
+    let EpisodeResult {
+        index,
+        seed,
+        episode_return,
+        normalized_score,
+        length,
+        terminated,
+        truncated,
+    } = *episode;
+    v1::EvaluateResponse {
+        response: Some(v1::evaluate_response::Response::Episode(v1::EpisodeResult {
+            index,
+            seed,
+            episode_return,
+            normalized_score,
+            length,
+            terminated,
+            truncated,
+        })),
+    }
+}
+
+pub(crate) fn evaluation_summary(summary: &EvaluationSummary) -> v1::EvaluateResponse {
+    let (low, high) = summary.score_interquartile_mean_interval;
+    v1::EvaluateResponse {
+        response: Some(v1::evaluate_response::Response::Summary(v1::EvaluationSummary {
+            episodes: summary.episodes,
+            return_mean: summary.return_mean,
+            return_standard_error: summary.return_standard_error,
+            score_mean: summary.score_mean,
+            score_standard_error: summary.score_standard_error,
+            score_interquartile_mean: summary.score_interquartile_mean,
+            score_interquartile_mean_low: low,
+            score_interquartile_mean_high: high,
+            length_mean: summary.length_mean,
+            steps: summary.steps,
+            wall_time_s: summary.wall_time_s,
+            num_envs: summary.num_envs as u32,
+        })),
+    }
+}
+
+pub(crate) fn episode_transitions(episode: &EpisodeTransitions) -> v1::CollectResponse {
+    let length = episode.len();
+    let rows = |values: &[f64]| float64(values, &[length, values.len() / length.max(1)]);
+    v1::CollectResponse {
+        response: Some(v1::collect_response::Response::Episode(v1::EpisodeTransitions {
+            index: episode.index,
+            seed: episode.seed,
+            observations: Some(rows(&episode.observations)),
+            actions: Some(float32(
+                &episode.actions,
+                &[length, episode.actions.len() / length.max(1)],
+            )),
+            rewards: Some(float64(&episode.rewards, &[length])),
+            next_observations: Some(rows(&episode.next_observations)),
+            terminated: episode.terminated,
+            truncated: episode.truncated,
+            cut: episode.cut,
+            qpos: Some(rows(&episode.qpos)),
+            qvel: Some(rows(&episode.qvel)),
+            action_log_probs: (!episode.action_log_probs.is_empty())
+                .then(|| float64(&episode.action_log_probs, &[length])),
+        })),
+    }
+}

@@ -1,0 +1,163 @@
+//! What can go wrong in the service, with the values that caused it.
+
+use palr_gym_core::EnvIdError;
+use palr_gym_onnx::OnnxError;
+use palr_gym_sim::SimError;
+
+use crate::session::SessionId;
+
+/// Why a request failed. [`crate::status`] says which gRPC status each becomes.
+#[derive(Debug, Clone, thiserror::Error)]
+pub enum ServerError {
+    /// From the simulation.
+    #[error(transparent)]
+    Sim(#[from] SimError),
+    /// From the policy, before any episode.
+    #[error(transparent)]
+    Policy(#[from] OnnxError),
+    /// From the policy, in the middle of an episode.
+    #[error("episode {episode}, step {step}: {source}")]
+    PolicyInEpisode {
+        /// Index of the episode.
+        episode: u32,
+        /// Steps taken in it.
+        step: u32,
+        /// What went wrong.
+        source: OnnxError,
+    },
+    /// No session has this id.
+    #[error(
+        "session {id:?} not found: it was closed, idle for more than {idle_limit_s} s, or never opened on this server"
+    )]
+    SessionNotFound {
+        /// The id as it came.
+        id: String,
+        /// After which sessions are closed.
+        idle_limit_s: u64,
+    },
+    /// A session whose simulation panicked.
+    #[error("session {id} failed inside the simulation and was closed; open a new one")]
+    SessionBroken {
+        /// The session.
+        id: SessionId,
+    },
+    /// Too few or too many environments.
+    #[error("num_envs is {got}; expected 1 to {max}")]
+    NumEnvs {
+        /// What was asked for.
+        got: u64,
+        /// The limit.
+        max: usize,
+    },
+    /// The server is full.
+    #[error(
+        "{open} sessions are open, as many as this server allows; close one or try again later"
+    )]
+    TooManySessions {
+        /// How many are open.
+        open: usize,
+    },
+    /// The server is full.
+    #[error(
+        "{asked} more environments would make {total}; this server allows {max} in all sessions together"
+    )]
+    TooManyEnvs {
+        /// What was asked for.
+        asked: usize,
+        /// What it would come to.
+        total: usize,
+        /// The limit.
+        max: usize,
+    },
+    /// The session has more requests waiting than it may.
+    #[error(
+        "session {id} has {queued} requests waiting, as many as it may; read answers before sending more"
+    )]
+    QueueFull {
+        /// The session.
+        id: SessionId,
+        /// How many wait.
+        queued: usize,
+    },
+    /// Too many evaluations and collections at once.
+    #[error(
+        "{running} evaluations and collections are running, as many as this server allows; try again later"
+    )]
+    TooManyRollouts {
+        /// How many run.
+        running: usize,
+    },
+    /// Actions of the wrong type.
+    #[error("actions have dtype {got}; expected float32")]
+    ActionDtype {
+        /// The dtype found.
+        got: String,
+    },
+    /// Actions of the wrong shape.
+    #[error("actions have shape {got:?} and {bytes} bytes; expected [{num_envs}, {action_size}] (environments, action size) and {} bytes", num_envs * action_size * 4)]
+    ActionShape {
+        /// The shape found.
+        got: Vec<i64>,
+        /// The bytes found.
+        bytes: usize,
+        /// Environments of the session.
+        num_envs: usize,
+        /// Entries of an action.
+        action_size: usize,
+    },
+    /// A required field is unset.
+    #[error("{field} is not set; expected {want}")]
+    Missing {
+        /// Path of the field.
+        field: &'static str,
+        /// What it should be.
+        want: &'static str,
+    },
+    /// An enum value that this server does not know.
+    #[error("{field} is {got}, which this server does not know; expected {want}")]
+    UnknownEnum {
+        /// Path of the field.
+        field: &'static str,
+        /// The number found.
+        got: i32,
+        /// The names of the values there are.
+        want: &'static str,
+    },
+    /// A number outside its range.
+    #[error("{field} is {got}; expected {min} to {max}")]
+    OutOfRange {
+        /// Path of the field.
+        field: &'static str,
+        /// The number found.
+        got: u64,
+        /// The least.
+        min: u64,
+        /// The most.
+        max: u64,
+    },
+    /// The task ships without an expert.
+    #[error(
+        "no expert ships for task {task:?}; experts ship for {available}. Give a policy of your own as ONNX, or ask for the random policy"
+    )]
+    NoExpert {
+        /// The task.
+        task: &'static str,
+        /// The tasks that have one.
+        available: String,
+    },
+    /// The server is about to stop.
+    #[error("the server is shutting down")]
+    Draining,
+    /// The caller has gone; nobody reads this.
+    #[error("the call was cancelled")]
+    Cancelled,
+    /// A bug.
+    #[error("internal error: {0}")]
+    Internal(String),
+}
+
+impl From<EnvIdError> for ServerError {
+    fn from(error: EnvIdError) -> Self {
+        Self::Sim(error.into())
+    }
+}

@@ -1,0 +1,74 @@
+//! The policies that ship with the server.
+
+use std::fmt::Write;
+
+use sha2::{Digest, Sha256};
+
+/// An expert policy. It always sees the full observation.
+#[derive(Debug, Clone, Copy)]
+pub struct Expert {
+    /// The task that it plays.
+    pub task: &'static str,
+    /// The model, under the policy contract.
+    pub onnx: &'static [u8],
+    /// Mean return of its deterministic actions, as its model card states it.
+    pub card_return: f64,
+}
+
+/// Where the model cards stand in the source tree.
+pub const MODEL_CARD: &str = "scenes/experts/README.md";
+
+/// Every expert, in alphabetical order of tasks.
+pub const EXPERTS: [Expert; 2] = [
+    Expert {
+        task: "halfcheetah",
+        onnx: include_bytes!("../../scenes/experts/halfcheetah.onnx"),
+        card_return: 6795.0,
+    },
+    Expert {
+        task: "hopper",
+        onnx: include_bytes!("../../scenes/experts/hopper.onnx"),
+        card_return: 3263.6,
+    },
+];
+
+/// The expert of a task.
+#[must_use]
+pub fn expert(task: &str) -> Option<&'static Expert> {
+    EXPERTS.iter().find(|expert| expert.task == task)
+}
+
+/// SHA-256 of a model, in hexadecimal.
+#[must_use]
+pub fn sha256(model: &[u8]) -> String {
+    Sha256::digest(model).iter().fold(String::new(), |mut text, byte| {
+        // Writing to a string cannot fail.
+        let _ = write!(text, "{byte:02x}");
+        text
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use palr_gym_onnx::{Policy, PolicyLimits};
+
+    use super::*;
+
+    #[test]
+    fn every_expert_plays_its_task_and_is_the_file_its_card_describes() {
+        for expert in &EXPERTS {
+            let (_, spec) = palr_gym_sim::resolve(expert.task).unwrap();
+            let policy = Policy::load(
+                expert.onnx,
+                spec.observation_size(),
+                spec.action_size(),
+                PolicyLimits::default(),
+            );
+            assert!(policy.unwrap().is_stochastic());
+            let card = std::fs::read_to_string(
+                std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("..").join(MODEL_CARD),
+            );
+            assert!(card.unwrap().contains(&sha256(expert.onnx)), "{}", expert.task);
+        }
+    }
+}

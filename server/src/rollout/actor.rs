@@ -1,0 +1,162 @@
+//! Where actions come from.
+
+use palr_gym_core::{ActionMode, EnvSpec, tanh_gaussian};
+use palr_gym_onnx::{OnnxError, Policy, PolicyLimits, PolicyOutput};
+
+use super::play::Slot;
+use crate::error::ServerError;
+use crate::experts::{EXPERTS, expert, sha256};
+
+/// The policy that a caller asks for.
+#[derive(Debug, Clone)]
+pub enum PolicyChoice {
+    /// Uniform over the action space.
+    Random,
+    /// The expert that ships for the task.
+    Expert,
+    /// The caller's own.
+    Onnx(bytes::Bytes),
+}
+
+/// A policy, ready to act for a batch of environments.
+pub enum Actor {
+    /// Uniform over the action space.
+    Random,
+    /// A model.
+    Model(Box<ModelActor>),
+}
+
+/// A model with what it needs beside its weights.
+pub struct ModelActor {
+    policy: Policy,
+    sha256: String,
+    action_mode: ActionMode,
+    /// True for experts, which see more than the environment shows to others.
+    sees_full_observation: bool,
+    observations: Vec<f32>,
+    observation_size: usize,
+}
+
+impl Actor {
+    /// Loads the policy that `choice` names for environments of `spec`.
+    ///
+    /// # Errors
+    /// [`ServerError::NoExpert`] or [`ServerError::Policy`].
+    pub fn new(
+        choice: &PolicyChoice,
+        spec: &EnvSpec,
+        action_mode: ActionMode,
+        limits: PolicyLimits,
+    ) -> Result<Self, ServerError> {
+        let (model, sees_full_observation): (&[u8], bool) = match choice {
+            PolicyChoice::Random => return Ok(Self::Random),
+            PolicyChoice::Expert => {
+                let task = spec.task.name;
+                let found = expert(task).ok_or_else(|| ServerError::NoExpert {
+                    task,
+                    available: EXPERTS.map(|expert| expert.task).join(", "),
+                })?;
+                (found.onnx, true)
+            }
+            PolicyChoice::Onnx(model) => (model, false),
+        };
+        let observation_size = if sees_full_observation {
+            spec.task.observation.len()
+        } else {
+            spec.observation_size()
+        };
+        let policy = Policy::load(model, observation_size, spec.action_size(), limits)?;
+        if action_mode == ActionMode::Sampled {
+            policy.require_stochastic()?;
+        }
+        Ok(Self::Model(Box::new(ModelActor {
+            policy,
+            sha256: sha256(model),
+            action_mode,
+            sees_full_observation,
+            observations: Vec::new(),
+            observation_size,
+        })))
+    }
+
+    /// SHA-256 of the model; empty for the random policy.
+    #[must_use]
+    pub fn sha256(&self) -> &str {
+        match self {
+            Self::Random => "",
+            Self::Model(model) => &model.sha256,
+        }
+    }
+
+    /// Fills the actions of every slot that is playing.
+    pub(super) fn act(&mut self, slots: &mut [Slot]) -> Result<(), ServerError> {
+        match self {
+            Self::Random => {
+                for slot in slots.iter_mut().filter(|slot| slot.is_playing()) {
+                    for entry in &mut slot.action {
+                        *entry = slot.generator.uniform(-1.0, 1.0) as f32;
+                    }
+                }
+                Ok(())
+            }
+            Self::Model(model) => model.act(slots),
+        }
+    }
+}
+
+impl ModelActor {
+    fn act(&mut self, slots: &mut [Slot]) -> Result<(), ServerError> {
+        self.observations.clear();
+        self.observations.resize(slots.len() * self.observation_size, 0.0);
+        let rows = self.observations.chunks_exact_mut(self.observation_size);
+        for (slot, row) in slots.iter().zip(rows).filter(|(slot, _)| slot.is_playing()) {
+            let observation = if self.sees_full_observation {
+                slot.env.full_observation()
+            } else {
+                slot.env.observation()
+            };
+            for (entry, &value) in row.iter_mut().zip(observation) {
+                *entry = value as f32;
+            }
+        }
+        let output = self
+            .policy
+            .act(&self.observations, slots.len())
+            .map_err(|source| blame(source, slots))?;
+        let size = output.action.len() / slots.len();
+        for (row, slot) in slots.iter_mut().enumerate().filter(|(_, slot)| slot.is_playing()) {
+            let range = row * size..(row + 1) * size;
+            match (&output, self.action_mode) {
+                (
+                    PolicyOutput { mean: Some(mean), log_std: Some(log_std), .. },
+                    ActionMode::Sampled,
+                ) => {
+                    slot.action_log_prob = Some(tanh_gaussian::sample(
+                        &mut slot.generator,
+                        &mean[range.clone()],
+                        &log_std[range],
+                        &mut slot.action,
+                    ));
+                }
+                _ => {
+                    for (entry, &value) in slot.action.iter_mut().zip(&output.action[range]) {
+                        *entry = value.clamp(-1.0, 1.0);
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Says in which episode and step a policy failed, if the failing row is one of a playing slot.
+fn blame(source: OnnxError, slots: &[Slot]) -> ServerError {
+    let slot = match &source {
+        OnnxError::NotFinite { row, .. } => slots.get(*row),
+        _ => slots.iter().find(|slot| slot.is_playing()),
+    };
+    match slot.and_then(|slot| slot.episode.map(|episode| (episode, slot.length))) {
+        Some((episode, step)) => ServerError::PolicyInEpisode { episode, step, source },
+        None => ServerError::Policy(source),
+    }
+}

@@ -1,0 +1,129 @@
+//! What evaluation and collection share: admission, a thread of their own, and a stream of
+//! results that ends the work when its reader goes.
+
+use std::pin::Pin;
+
+use futures_util::Stream;
+use palr_gym_core::ActionMode;
+use palr_gym_sim::tasks::resolve;
+use tokio::sync::mpsc;
+use tokio_stream::wrappers::ReceiverStream;
+use tokio_util::sync::{CancellationToken, DropGuard};
+use tonic::Status;
+
+use super::Services;
+use crate::error::ServerError;
+use crate::rollout::{Actor, DEFAULT_NUM_ENVS, Plan, PolicyChoice};
+
+/// Results that may wait for their reader; beyond, the work waits.
+const QUEUED_RESULTS: usize = 4;
+
+pub(super) type ResultStream<T> = Pin<Box<dyn Stream<Item = Result<T, Status>> + Send>>;
+
+/// Where a rollout puts its results.
+pub(super) struct Results<T> {
+    sender: mpsc::Sender<Result<T, Status>>,
+}
+
+impl<T> Results<T> {
+    /// Hands on one result; `false` if nobody reads any more.
+    pub(super) fn send(&self, result: T) -> bool {
+        self.sender.blocking_send(Ok(result)).is_ok()
+    }
+}
+
+/// A request for a rollout, after conversion.
+pub(super) struct RolloutRequest {
+    pub(super) env_id: String,
+    pub(super) policy: PolicyChoice,
+    pub(super) action_mode: ActionMode,
+    pub(super) num_envs: Option<u32>,
+    pub(super) seed: u64,
+}
+
+/// A stream that cancels its rollout when it is dropped.
+struct Guarded<T> {
+    results: ReceiverStream<Result<T, Status>>,
+    _guard: DropGuard,
+}
+
+impl<T> Stream for Guarded<T> {
+    type Item = Result<T, Status>;
+
+    fn poll_next(
+        mut self: Pin<&mut Self>,
+        context: &mut std::task::Context<'_>,
+    ) -> std::task::Poll<Option<Self::Item>> {
+        Pin::new(&mut self.results).poll_next(context)
+    }
+}
+
+impl Services {
+    /// Prepares a rollout and runs `work` on a thread of its own. Errors of the preparation are
+    /// the call's error; later ones end the stream.
+    pub(super) async fn roll_out<T: Send + 'static>(
+        &self,
+        request: RolloutRequest,
+        work: impl FnOnce(&Plan, &mut Actor, &Results<T>) -> Result<(), ServerError> + Send + 'static,
+    ) -> Result<ResultStream<T>, ServerError> {
+        if self.draining.is_cancelled() {
+            return Err(ServerError::Draining);
+        }
+        let max = self.limits.max_envs_per_session;
+        let num_envs = request.num_envs.map_or(DEFAULT_NUM_ENVS, |count| count as usize);
+        if !(1..=max).contains(&num_envs) {
+            return Err(ServerError::NumEnvs { got: num_envs as u64, max });
+        }
+        let (task, spec) = resolve(&request.env_id)?;
+        let running = self.limits.max_rollouts;
+        let permit = std::sync::Arc::clone(&self.rollouts)
+            .try_acquire_owned()
+            .map_err(|_| ServerError::TooManyRollouts { running })?;
+        let cancelled = CancellationToken::new();
+        let plan = Plan {
+            task,
+            spec,
+            num_envs,
+            seed: request.seed,
+            threads: self.threads.clone(),
+            cancelled: cancelled.clone(),
+        };
+        let limits = self.limits.policy;
+        let loaded = tokio::task::spawn_blocking(move || {
+            let actor = Actor::new(&request.policy, &plan.spec, request.action_mode, limits);
+            (actor, plan)
+        });
+        let (actor, plan) =
+            loaded.await.map_err(|error| ServerError::Internal(error.to_string()))?;
+        let mut actor = actor?;
+
+        let (sender, receiver) = mpsc::channel(QUEUED_RESULTS);
+        let draining = self.draining.clone();
+        let on_drain = cancelled.clone();
+        let watch = tokio::spawn(async move {
+            draining.cancelled().await;
+            on_drain.cancel();
+        });
+        let draining = self.draining.clone();
+        tokio::task::spawn_blocking(move || {
+            let _permit = permit;
+            let results = Results { sender };
+            let run = std::panic::AssertUnwindSafe(|| work(&plan, &mut actor, &results));
+            let end = std::panic::catch_unwind(run)
+                .unwrap_or_else(|_| Err(ServerError::Internal("the rollout panicked".into())));
+            watch.abort();
+            if let Err(error) = end {
+                let error = match error {
+                    ServerError::Cancelled if draining.is_cancelled() => ServerError::Draining,
+                    error => error,
+                };
+                // Nobody may be left to be told.
+                let _ = results.sender.blocking_send(Err(error.into()));
+            }
+        });
+        Ok(Box::pin(Guarded {
+            results: ReceiverStream::new(receiver),
+            _guard: cancelled.drop_guard(),
+        }))
+    }
+}

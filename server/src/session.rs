@@ -1,0 +1,245 @@
+//! One session: N environments behind a queue.
+//!
+//! A session is an actor. Requests are queued by any thread; one simulation thread at a time works
+//! the queue off, so environments never need a lock of their own and answers come in the order of
+//! requests. Nothing here waits: [`Session::submit`] returns at once with a promise.
+
+use std::collections::VecDeque;
+use std::fmt;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+use palr_gym_core::EnvSpec;
+use palr_gym_sim::{SimulationThreads, StepFrame, VectorEnv};
+use tokio::sync::oneshot;
+use uuid::Uuid;
+
+use crate::error::ServerError;
+
+/// Names a session.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub struct SessionId(Uuid);
+
+impl SessionId {
+    /// An id that nobody can guess.
+    #[must_use]
+    pub fn random() -> Self {
+        Self(Uuid::new_v4())
+    }
+
+    /// The id that `text` spells, if it is one.
+    #[must_use]
+    pub fn parse(text: &str) -> Option<Self> {
+        Uuid::try_parse(text).ok().map(Self)
+    }
+}
+
+impl fmt::Display for SessionId {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.0.fmt(formatter)
+    }
+}
+
+/// What a client asks of a session.
+#[derive(Debug, Clone)]
+pub enum Command {
+    /// Start new episodes.
+    Reset {
+        /// None, one, or one for each environment.
+        seeds: Vec<u64>,
+        /// Which environments; empty means all.
+        env_indices: Vec<usize>,
+    },
+    /// Step every environment.
+    Step {
+        /// `[num_envs, action_size]`.
+        actions: Vec<f32>,
+    },
+}
+
+/// What a session answers. Generic over how a frame leaves the simulation thread, so that wire
+/// types stay out of here.
+pub trait Encode: Send + Sync + 'static {
+    /// An answer, ready to be sent.
+    type Answer: Send + 'static;
+
+    /// After a reset: every current observation.
+    fn reset(&self, spec: &EnvSpec, observations: &[f64]) -> Self::Answer;
+
+    /// After a step.
+    fn step(&self, spec: &EnvSpec, frame: &StepFrame) -> Self::Answer;
+}
+
+/// What will come of a submitted command.
+pub type Promise<A> = oneshot::Receiver<Result<A, ServerError>>;
+
+struct Job<A> {
+    command: Command,
+    reply: oneshot::Sender<Result<A, ServerError>>,
+}
+
+/// The queue, and whether a simulation thread is at work on it.
+struct Queue<A> {
+    jobs: VecDeque<Job<A>>,
+    is_scheduled: bool,
+    is_broken: bool,
+}
+
+/// Environments and the buffers that their steps reuse.
+struct Bench {
+    env: VectorEnv,
+    frame: StepFrame,
+    observations: Vec<f64>,
+}
+
+/// N environments behind a queue.
+pub struct Session<E: Encode> {
+    id: SessionId,
+    spec: Arc<EnvSpec>,
+    num_envs: usize,
+    encode: E,
+    threads: SimulationThreads,
+    queue: Mutex<Queue<E::Answer>>,
+    bench: Mutex<Bench>,
+    opened: Instant,
+    /// Milliseconds from `opened` to the last request or answer.
+    last_used_ms: AtomicU64,
+    max_queued: usize,
+}
+
+impl<E: Encode> Session<E> {
+    /// A session around `env`.
+    pub fn new(env: VectorEnv, encode: E, threads: SimulationThreads, max_queued: usize) -> Self {
+        Self {
+            id: SessionId::random(),
+            spec: Arc::clone(env.spec()),
+            num_envs: env.len(),
+            encode,
+            threads,
+            queue: Mutex::new(Queue {
+                jobs: VecDeque::new(),
+                is_scheduled: false,
+                is_broken: false,
+            }),
+            bench: Mutex::new(Bench { env, frame: StepFrame::default(), observations: Vec::new() }),
+            opened: Instant::now(),
+            last_used_ms: AtomicU64::new(0),
+            max_queued,
+        }
+    }
+
+    /// Its name.
+    pub fn id(&self) -> SessionId {
+        self.id
+    }
+
+    /// What its environments are.
+    pub fn spec(&self) -> &EnvSpec {
+        &self.spec
+    }
+
+    /// Number of environments.
+    pub fn num_envs(&self) -> usize {
+        self.num_envs
+    }
+
+    /// How long ago it was last used; zero while it has work.
+    pub fn idle(&self) -> Duration {
+        if self.lock_queue().is_scheduled {
+            return Duration::ZERO;
+        }
+        let last_used = Duration::from_millis(self.last_used_ms.load(Ordering::Relaxed));
+        self.opened.elapsed().saturating_sub(last_used)
+    }
+
+    /// Queues a command.
+    ///
+    /// # Errors
+    /// [`ServerError::QueueFull`] or [`ServerError::SessionBroken`], at once. What the command
+    /// itself leads to comes through the promise.
+    pub fn submit(self: &Arc<Self>, command: Command) -> Result<Promise<E::Answer>, ServerError> {
+        self.touch();
+        let (reply, promise) = oneshot::channel();
+        let must_schedule = {
+            let mut queue = self.lock_queue();
+            if queue.is_broken {
+                return Err(ServerError::SessionBroken { id: self.id });
+            }
+            if queue.jobs.len() >= self.max_queued {
+                return Err(ServerError::QueueFull { id: self.id, queued: queue.jobs.len() });
+            }
+            queue.jobs.push_back(Job { command, reply });
+            !std::mem::replace(&mut queue.is_scheduled, true)
+        };
+        if must_schedule {
+            self.schedule();
+        }
+        Ok(promise)
+    }
+
+    fn schedule(self: &Arc<Self>) {
+        let session = Arc::clone(self);
+        self.threads.spawn(move || session.work());
+    }
+
+    /// Does one job, then queues itself again behind other sessions' work if more is waiting.
+    fn work(self: Arc<Self>) {
+        let Some(Job { command, reply }) = self.lock_queue().jobs.pop_front() else {
+            self.lock_queue().is_scheduled = false;
+            return;
+        };
+        // A panic must cost no more than this session.
+        let answer = catch_unwind(AssertUnwindSafe(|| self.execute(&command)))
+            .unwrap_or_else(|_| Err(self.break_down()));
+        self.touch();
+        // The caller may have gone; then nobody wants the answer.
+        let _ = reply.send(answer);
+        let has_more = {
+            let mut queue = self.lock_queue();
+            queue.is_scheduled = !queue.jobs.is_empty();
+            queue.is_scheduled
+        };
+        if has_more {
+            self.schedule();
+        }
+    }
+
+    fn execute(&self, command: &Command) -> Result<E::Answer, ServerError> {
+        let mut bench = lock(&self.bench);
+        let Bench { env, frame, observations } = &mut *bench;
+        match command {
+            Command::Reset { seeds, env_indices } => {
+                env.reset(seeds, env_indices)?;
+                env.observations_into(observations);
+                Ok(self.encode.reset(&self.spec, observations))
+            }
+            Command::Step { actions } => {
+                env.step(actions, frame)?;
+                Ok(self.encode.step(&self.spec, frame))
+            }
+        }
+    }
+
+    fn break_down(&self) -> ServerError {
+        self.lock_queue().is_broken = true;
+        ServerError::SessionBroken { id: self.id }
+    }
+
+    fn touch(&self) {
+        self.last_used_ms.store(self.opened.elapsed().as_millis() as u64, Ordering::Relaxed);
+    }
+
+    fn lock_queue(&self) -> MutexGuard<'_, Queue<E::Answer>> {
+        lock(&self.queue)
+    }
+}
+
+/// A poisoned lock only says that a panic passed; `break_down` has dealt with it.
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,77 @@
+//! The actor's promises: order, isolation, limits.
+
+use palr_gym_sim::{VectorOptions, resolve};
+
+use super::*;
+
+/// Answers with what happened, as text, and panics on request.
+struct Spy {
+    panics: bool,
+}
+
+impl Encode for Spy {
+    type Answer = &'static str;
+
+    fn reset(&self, _: &EnvSpec, _: &[f64]) -> Self::Answer {
+        "reset"
+    }
+
+    fn step(&self, _: &EnvSpec, _: &StepFrame) -> Self::Answer {
+        assert!(!self.panics, "asked to panic");
+        "step"
+    }
+}
+
+fn session(panics: bool, max_queued: usize) -> Arc<Session<Spy>> {
+    let threads = SimulationThreads::start(1).unwrap();
+    let (task, spec) = resolve("hopper").unwrap();
+    let env = VectorEnv::new(task, spec, 1, VectorOptions::default(), threads.clone()).unwrap();
+    Arc::new(Session::new(env, Spy { panics }, threads, max_queued))
+}
+
+fn reset() -> Command {
+    Command::Reset { seeds: vec![1], env_indices: vec![] }
+}
+
+fn step() -> Command {
+    Command::Step { actions: vec![0.0; 3] }
+}
+
+#[test]
+fn answers_come_in_the_order_of_requests_and_errors_spoil_nothing() {
+    let session = session(false, 16);
+    let bad = Command::Step { actions: vec![f32::NAN; 3] };
+    let promises = [reset(), step(), bad, step()].map(|command| session.submit(command).unwrap());
+    let answers = promises.map(|promise| promise.blocking_recv().unwrap());
+    assert_eq!(answers[0].as_ref().unwrap(), &"reset");
+    assert_eq!(answers[1].as_ref().unwrap(), &"step");
+    assert!(answers[2].as_ref().unwrap_err().to_string().contains("NaN"));
+    assert_eq!(answers[3].as_ref().unwrap(), &"step");
+}
+
+#[test]
+fn a_panic_breaks_its_session_and_no_thread() {
+    let broken = session(true, 16);
+    broken.submit(reset()).unwrap().blocking_recv().unwrap().unwrap();
+    let error = broken.submit(step()).unwrap().blocking_recv().unwrap().unwrap_err();
+    assert!(matches!(error, ServerError::SessionBroken { .. }));
+    assert!(matches!(broken.submit(step()), Err(ServerError::SessionBroken { .. })));
+    // The simulation thread is alive.
+    broken.threads.run(|| ());
+}
+
+#[test]
+fn a_flood_of_requests_is_refused_beyond_the_queue() {
+    let session = session(false, 4);
+    // The only simulation thread is kept busy until the queue has been overfilled.
+    let (release, blocked) = std::sync::mpsc::channel::<()>();
+    session.threads.spawn(move || drop(blocked.recv()));
+    let promises: Vec<_> = (0..4).map(|_| session.submit(reset()).unwrap()).collect();
+    let error = session.submit(reset()).unwrap_err();
+    assert!(matches!(error, ServerError::QueueFull { queued: 4, .. }), "{error}");
+    release.send(()).unwrap();
+    for promise in promises {
+        promise.blocking_recv().unwrap().unwrap();
+    }
+    session.submit(step()).unwrap().blocking_recv().unwrap().unwrap();
+}

@@ -1,0 +1,1 @@
+"""What the tests share: the server's process, reference environments, ONNX policies."""

@@ -1,0 +1,160 @@
+//! A session of environments, stepped over a stream.
+
+use std::time::Duration;
+
+use bytes::Bytes;
+use palr_gym_proto::v1;
+use palr_gym_proto::v1::step_stream_request::Request;
+use palr_gym_proto::v1::step_stream_response::Response;
+use tokio::sync::mpsc;
+use tokio_stream::wrappers::UnboundedReceiverStream;
+use tonic::{Code, Streaming};
+
+use crate::client::Client;
+use crate::error::ClientError;
+
+/// N environments on a server. Dropping it leaves the session to the server's idle limit;
+/// [`close`](Self::close) frees it at once.
+pub struct Session {
+    client: Client,
+    session_id: String,
+    spec: v1::EnvironmentSpec,
+    num_envs: usize,
+    requests: mpsc::UnboundedSender<v1::StepStreamRequest>,
+    answers: Streaming<v1::StepStreamResponse>,
+    deadline: Duration,
+}
+
+impl Session {
+    /// Opens a session and its stream. No later call waits longer than `deadline`.
+    ///
+    /// # Errors
+    /// [`ClientError::Status`].
+    pub async fn open(
+        client: &Client,
+        request: v1::OpenSessionRequest,
+        deadline: Duration,
+    ) -> Result<Self, ClientError> {
+        let opened = client.environments().open_session(request).await?.into_inner();
+        let (requests, outgoing) = mpsc::unbounded_channel();
+        let outgoing = UnboundedReceiverStream::new(outgoing);
+        let answers = client.environments().step_stream(outgoing).await?.into_inner();
+        let spec =
+            opened.spec.ok_or_else(|| ClientError::Protocol("no spec in the answer".into()))?;
+        Ok(Self {
+            client: client.clone(),
+            session_id: opened.session_id,
+            spec,
+            num_envs: opened.num_envs as usize,
+            requests,
+            answers,
+            deadline,
+        })
+    }
+
+    /// What the environments are.
+    #[must_use]
+    pub fn spec(&self) -> &v1::EnvironmentSpec {
+        &self.spec
+    }
+
+    /// Number of environments.
+    #[must_use]
+    pub fn num_envs(&self) -> usize {
+        self.num_envs
+    }
+
+    /// Starts new episodes; see the protocol for `seeds`.
+    ///
+    /// # Errors
+    /// [`ClientError::Status`].
+    pub async fn reset(&mut self, seeds: Vec<u64>) -> Result<v1::ResetResponse, ClientError> {
+        let session_id = self.session_id.clone();
+        self.send(Request::Reset(v1::ResetRequest { session_id, seeds, env_indices: vec![] }))?;
+        match self.receive().await? {
+            Response::Reset(answer) => Ok(answer),
+            _ => Err(ClientError::Protocol("no answer to a reset".into())),
+        }
+    }
+
+    /// Steps every environment with its row of `actions`, `[num_envs, action size]`.
+    ///
+    /// # Errors
+    /// [`ClientError::Status`].
+    pub async fn step(&mut self, actions: &[f32]) -> Result<v1::StepResponse, ClientError> {
+        self.send_step(actions)?;
+        self.receive_step().await
+    }
+
+    /// Sends actions without waiting for what comes of them: see
+    /// [`receive_step`](Self::receive_step).
+    ///
+    /// # Errors
+    /// [`ClientError::Status`] if the stream is gone.
+    pub fn send_step(&mut self, actions: &[f32]) -> Result<(), ClientError> {
+        let actions = v1::Tensor {
+            dtype: v1::DataType::Float32.into(),
+            shape: vec![self.num_envs as i64, (actions.len() / self.num_envs) as i64],
+            data: Bytes::copy_from_slice(bytemuck::cast_slice(actions)),
+        };
+        let session_id = self.session_id.clone();
+        self.send(Request::Step(v1::StepRequest { session_id, actions: Some(actions) }))
+    }
+
+    /// The answer to the oldest step that has none yet.
+    ///
+    /// # Errors
+    /// [`ClientError::Status`].
+    pub async fn receive_step(&mut self) -> Result<v1::StepResponse, ClientError> {
+        match self.receive().await? {
+            Response::Step(answer) => Ok(answer),
+            _ => Err(ClientError::Protocol("no answer to a step".into())),
+        }
+    }
+
+    fn send(&mut self, request: Request) -> Result<(), ClientError> {
+        let request = v1::StepStreamRequest { request: Some(request) };
+        self.requests.send(request).map_err(|_| stream_ended())
+    }
+
+    async fn receive(&mut self) -> Result<Response, ClientError> {
+        let message = tokio::time::timeout(self.deadline, self.answers.message()).await;
+        let answer = match message {
+            Err(_) => {
+                return Err(ClientError::Status {
+                    code: Code::DeadlineExceeded,
+                    reason: None,
+                    message: format!("the server did not answer within {:?}", self.deadline),
+                });
+            }
+            Ok(answer) => answer?.ok_or_else(stream_ended)?,
+        };
+        match answer.response {
+            Some(Response::Error(status)) => {
+                let code = Code::from_i32(status.code);
+                let details = prost::Message::encode_to_vec(&status).into();
+                Err(tonic::Status::with_details(code, status.message, details).into())
+            }
+            Some(answer) => Ok(answer),
+            None => Err(ClientError::Protocol("an empty answer".into())),
+        }
+    }
+
+    /// Closes the session.
+    ///
+    /// # Errors
+    /// [`ClientError::Status`].
+    pub async fn close(self) -> Result<(), ClientError> {
+        let request = v1::CloseSessionRequest { session_id: self.session_id };
+        self.client.environments().close_session(request).await?;
+        Ok(())
+    }
+}
+
+fn stream_ended() -> ClientError {
+    ClientError::Status {
+        code: Code::Unavailable,
+        reason: None,
+        message: "the server ended the stream".into(),
+    }
+}
