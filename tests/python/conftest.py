@@ -3,9 +3,9 @@
 from collections.abc import Generator
 
 import pytest
-from support.server_process import ServerProcess, running_server
 
 from palr_gym import Client
+from support.server_process import ServerProcess, running_server
 
 
 @pytest.fixture(scope="session")

@@ -15,7 +15,9 @@ pub enum ClientError {
         address: String,
     },
     /// Nobody answers there.
-    #[error("cannot reach a palr-gym server at {address}: {message}; start one with `palr-gym serve`")]
+    #[error(
+        "cannot reach a palr-gym server at {address}: {message}; start one with `palr-gym serve`"
+    )]
     Unreachable {
         /// Where it was looked for.
         address: String,

@@ -50,7 +50,9 @@ impl PolicySource {
                 let model = std::fs::read(path).map_err(|error| {
                     ClientError::file(
                         path,
-                        format!("{error}; expected `random`, `expert` or the path of an ONNX policy"),
+                        format!(
+                            "{error}; expected `random`, `expert` or the path of an ONNX policy"
+                        ),
                     )
                 })?;
                 v1::policy::Policy::Onnx(model.into())

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import Any, Self, SupportsIndex, cast
 
 import grpc
+import gymnasium
 import numpy as np
 from gymnasium.error import AlreadyPendingCallError, ClosedEnvironmentError, NoAsyncCallError
 from gymnasium.vector import AutoresetMode, VectorEnv
@@ -40,6 +41,12 @@ class RemoteVectorEnv(VectorEnv[NDArray[np.float64], NDArray[np.float32], NDArra
     Attributes:
         remote_spec: The environment as the server describes it.
     """
+
+    # Gymnasium declares spaces of anything.
+    single_observation_space: "gymnasium.Space[NDArray[np.float64]]"
+    single_action_space: "gymnasium.Space[NDArray[np.float32]]"
+    observation_space: "gymnasium.Space[NDArray[np.float64]]"
+    action_space: "gymnasium.Space[NDArray[np.float32]]"
 
     def __init__(
         self,

@@ -241,6 +241,46 @@ fn group(parent: &Group, name: &str) -> hdf5_metno::Result<Group> {
     parent.create_group_builder().obj_track_times(false).create(name)
 }
 
+/// What a file says about itself.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Summary {
+    /// Rows.
+    pub transitions: u64,
+    /// Ends of episodes, `terminals | timeouts`.
+    pub episodes: usize,
+    /// `metadata/request`, if there is one.
+    pub request: Option<String>,
+}
+
+/// Reads what a file says about itself, without its rows.
+///
+/// # Errors
+/// [`DataError::Read`].
+pub fn summarize(path: &Path) -> Result<Summary, DataError> {
+    let failed = |dataset: &str, error: hdf5_metno::Error| DataError::Read {
+        path: path.to_path_buf(),
+        dataset: dataset.to_owned(),
+        message: error.to_string(),
+    };
+    let file = File::open(path).map_err(|error| failed("the file", error))?;
+    let flags = |name: &str| {
+        file.dataset(name)
+            .and_then(|dataset| dataset.read_raw::<bool>())
+            .map_err(|error| failed(name, error))
+    };
+    let (terminals, timeouts) = (flags("terminals")?, flags("timeouts")?);
+    let request = file
+        .dataset("metadata/request")
+        .and_then(|dataset| dataset.read_scalar::<VarLenUnicode>())
+        .ok()
+        .map(|text| text.to_string());
+    Ok(Summary {
+        transitions: terminals.len() as u64,
+        episodes: terminals.iter().zip(&timeouts).filter(|(a, b)| **a || **b).count(),
+        request,
+    })
+}
+
 fn create<T: H5Type>(group: &Group, name: &str, shape: &[usize]) -> hdf5_metno::Result<Dataset> {
     let mut chunk = shape.to_vec();
     chunk[0] = chunk[0].clamp(1, CHUNK_ROWS);
@@ -317,6 +357,8 @@ mod tests {
         let rewards = file.dataset("rewards").unwrap().read_raw::<f32>().unwrap();
         assert_eq!(rewards, [0.0, 1.0, 0.0, 1.0, 2.0]);
         assert_eq!(file.dataset("infos/qpos").unwrap().shape(), [5, 3]);
+        let summary = summarize(&path).unwrap();
+        assert_eq!(summary, Summary { transitions: 5, episodes: 2, request: None });
         assert_eq!(file.dataset("metadata/seed").unwrap().read_scalar::<i64>().unwrap(), 3);
     }
 
@@ -328,7 +370,7 @@ mod tests {
         // HDF5's time stamps count seconds.
         std::thread::sleep(std::time::Duration::from_millis(1100));
         write(&second);
-                assert!(std::fs::read(first).unwrap() == std::fs::read(second).unwrap());
+        assert!(std::fs::read(first).unwrap() == std::fs::read(second).unwrap());
     }
 
     #[test]

@@ -2,12 +2,22 @@
 
 use std::path::PathBuf;
 
-/// Why a data set could not be written.
+/// Why a data set could not be written or read.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum DataError {
     /// HDF5 failed: no room, no permission, a broken disk.
     #[error("{}: cannot write {dataset}: {message}", path.display())]
     Write {
+        /// The file.
+        path: PathBuf,
+        /// The data set or group inside it.
+        dataset: String,
+        /// What HDF5 said.
+        message: String,
+    },
+    /// HDF5 failed: no such file, no HDF5 file, or a data set is missing or of another type.
+    #[error("{}: cannot read {dataset}: {message}", path.display())]
+    Read {
         /// The file.
         path: PathBuf,
         /// The data set or group inside it.

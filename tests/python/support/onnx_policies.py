@@ -22,7 +22,7 @@ def _model(nodes: list[Any], inputs: list[Any], outputs: list[Any], tensors: lis
 
 
 def _linear(weights: NDArray[np.float32]) -> Any:
-    """action = tanh(observation @ weights)."""
+    """Action = tanh(observation @ weights)."""
     observation_size, action_size = weights.shape
     return _model(
         [
@@ -36,7 +36,7 @@ def _linear(weights: NDArray[np.float32]) -> Any:
 
 
 def linear_policy(weights: NDArray[np.float32]) -> bytes:
-    """action = tanh(observation @ weights).
+    """Action = tanh(observation @ weights).
 
     Args:
         weights: [observation size, action size]
@@ -74,7 +74,7 @@ class NumpyPolicy:
 
     def __init__(self, path: Path) -> None:
         """Reads the model's graph and weights."""
-        graph: Any = onnx.load(path).graph
+        graph: Any = onnx.load_from_string(path.read_bytes()).graph
         self._nodes: list[Any] = list(graph.node)
         self._input: str = graph.input[0].name
         self._weights: dict[str, NDArray[Any]] = {

@@ -1,0 +1,33 @@
+//! A server to talk to: the user's, or one inside this process.
+
+use hyper_util::rt::TokioIo;
+use palr_gym_server::{Listener, Server, ServerConfig};
+use palr_gym_trainer::client::tuned;
+use palr_gym_trainer::{Client, ServerAddress};
+use tonic::transport::{Endpoint, Uri};
+
+/// Bytes in flight between client and server of one process.
+const PIPE_BYTES: usize = 1 << 20;
+
+/// Connects to `server`, or starts one in this process and connects to that. Either way the client
+/// speaks gRPC.
+pub async fn connect(server: Option<&ServerAddress>) -> anyhow::Result<Client> {
+    match server {
+        Some(address) => Ok(Client::connect(address).await?),
+        None => start_in_process().await,
+    }
+}
+
+async fn start_in_process() -> anyhow::Result<Client> {
+    let (ours, theirs) = tokio::io::duplex(PIPE_BYTES);
+    let server = Server::new(ServerConfig::default())?;
+    tokio::spawn(server.serve(vec![Listener::InProcess(theirs)], std::future::pending()));
+    let mut ours = Some(TokioIo::new(ours));
+    let connector = tower::service_fn(move |_: Uri| {
+        let ours =
+            ours.take().ok_or_else(|| std::io::Error::other("the server in this process stopped"));
+        async move { ours }
+    });
+    let endpoint = tuned(Endpoint::from_static("http://in-process"));
+    Ok(Client::from_channel(endpoint.connect_with_connector(connector).await?))
+}

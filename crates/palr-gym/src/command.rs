@@ -1,0 +1,8 @@
+//! One file a command.
+
+pub mod collect;
+pub mod completions;
+pub mod demo;
+pub mod envs;
+pub mod evaluate;
+pub mod serve;
