@@ -14,6 +14,7 @@ use palr_gym_sim::SimulationThreads;
 use tokio::net::{TcpListener, UnixListener};
 use tokio::sync::Semaphore;
 use tokio::task::JoinSet;
+use tokio_stream::StreamExt;
 use tokio_stream::wrappers::UnixListenerStream;
 use tokio_util::sync::CancellationToken;
 use tonic::server::NamedService;
@@ -42,12 +43,12 @@ const POLICY_MESSAGE_SLACK_BYTES: usize = 64 << 10;
 #[derive(Debug, thiserror::Error)]
 pub enum TransportError {
     /// The address is taken, not ours, or malformed.
-    #[error("cannot listen on {address}: {source}{}", hint(source))]
+    #[error("cannot listen on {address}: {cause}{}", hint(cause))]
     Listen {
         /// The address or path.
         address: String,
         /// What the system said.
-        source: std::io::Error,
+        cause: std::io::Error,
     },
     /// Simulation threads could not be started.
     #[error(transparent)]
@@ -95,7 +96,7 @@ impl Listener {
         TcpListener::bind(address)
             .await
             .map(Self::Tcp)
-            .map_err(|source| TransportError::Listen { address: address.to_string(), source })
+            .map_err(|cause| TransportError::Listen { address: address.to_string(), cause })
     }
 
     /// Listens on a Unix socket. A socket file that nobody listens on is replaced.
@@ -121,10 +122,7 @@ impl Listener {
                 }
                 Err(error)
             })
-            .map_err(|source| TransportError::Listen {
-                address: path.display().to_string(),
-                source,
-            })
+            .map_err(|cause| TransportError::Listen { address: path.display().to_string(), cause })
     }
 
     /// The TCP address, with the real port.
@@ -264,7 +262,9 @@ async fn serve_on(
             router.serve_with_incoming_shutdown(incoming, shutdown).await
         }
         Listener::InProcess(stream) => {
-            let incoming = tokio_stream::once(Ok::<_, std::io::Error>(stream));
+            // The end of the incoming connections would be taken for the end of the server.
+            let only = tokio_stream::once(Ok::<_, std::io::Error>(stream));
+            let incoming = only.chain(tokio_stream::pending());
             router.serve_with_incoming_shutdown(incoming, shutdown).await
         }
     }

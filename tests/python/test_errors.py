@@ -27,9 +27,18 @@ Behaviour = Callable[[bytes, grpc.ServicerContext], bytes]
 StreamBehaviour = Callable[[bytes, grpc.ServicerContext], Iterator[bytes]]
 
 
+def one_by_one(
+    behaviour: Behaviour,
+) -> Callable[[Iterator[bytes], grpc.ServicerContext], Iterator[bytes]]:
+    return lambda requests, context: (behaviour(request, context) for request in requests)
+
+
 @contextlib.contextmanager
 def fake_server(
-    service: str, methods: dict[str, Behaviour], streams: dict[str, StreamBehaviour] | None = None
+    service: str,
+    methods: dict[str, Behaviour],
+    streams: dict[str, StreamBehaviour] | None = None,
+    exchanges: dict[str, Behaviour] | None = None,
 ) -> Generator[str]:
     """A server of one service that answers serialised messages; yields its address."""
     handlers: dict[str, grpc.RpcMethodHandler[bytes, bytes]] = {
@@ -37,6 +46,8 @@ def fake_server(
     }
     for name, behaviour in (streams or {}).items():
         handlers[name] = grpc.unary_stream_rpc_method_handler(behaviour)
+    for name, behaviour in (exchanges or {}).items():
+        handlers[name] = grpc.stream_stream_rpc_method_handler(one_by_one(behaviour))
     server = grpc.server(ThreadPoolExecutor(2))
     server.add_generic_rpc_handlers(
         (grpc.method_handlers_generic_handler(f"palr_gym.v1.{service}", handlers),)
@@ -184,16 +195,21 @@ SPEC = environment_pb2.EnvironmentSpec(
 )
 
 
-def step_of(response: environment_service_pb2.StepResponse) -> palr_gym.StepResult:
+def step_of(
+    response: environment_service_pb2.StepResponse | bytes,
+) -> palr_gym.StepResult:
     """What `Session.step` makes of a response, in a session of one tiny environment."""
     opened = environment_service_pb2.OpenSessionResponse(session_id="s", spec=SPEC, num_envs=1)
     methods: dict[str, Behaviour] = {
         "OpenSession": answering(opened.SerializeToString()),
         "CloseSession": answering(b""),
-        "Step": answering(response.SerializeToString()),
     }
+    if not isinstance(response, bytes):
+        message = environment_service_pb2.StepStreamResponse(step=response)
+        response = message.SerializeToString()
+    exchanges = {"StepStream": answering(response)}
     with (
-        fake_server("EnvironmentService", methods) as address,
+        fake_server("EnvironmentService", methods, exchanges=exchanges) as address,
         Client(address, deadline_s=5) as client,
         client.open_session("tiny") as session,
     ):
@@ -227,6 +243,11 @@ def test_a_step_of_the_wrong_size_is_the_servers_error(field: str, data: bytes) 
     getattr(response, field).data = data
     with pytest.raises(errors.ServerError, match=f"sent {len(data)} bytes; expected"):
         step_of(response)
+
+
+def test_a_step_that_is_no_message_is_the_servers_error() -> None:
+    with pytest.raises(errors.ServerError, match="the answer is no message"):
+        step_of(b"\xff\xff no message")
 
 
 def test_a_final_observation_of_the_wrong_shape_is_the_servers_error() -> None:

@@ -1,1 +1,1 @@
-//! .
+//! Tests that cross a process, a transport or a crate; see `it/`. Python tests stand in `python/`.

@@ -131,13 +131,15 @@ pub async fn collect(
     let mut recording = Recording::open(part)?;
     let resumed_episodes = recording.progress.episodes;
     if recording.remaining(options.amount).is_some() {
-        recording.record(client, options, &mut on_progress).await?;
+        let recorded = recording.record(client, options, &mut on_progress).await;
+        recorded.map_err(|cause| recording.interrupted(cause))?;
     } else {
         recording.check_header(options, None)?;
     }
-    let Recording { part, progress, journal, .. } = recording;
-    drop(journal);
-    write_hdf5(&part, out, progress)?;
+    recording.journal = None;
+    write_hdf5(&recording.part, out, recording.progress)
+        .map_err(|cause| recording.interrupted(cause))?;
+    let Recording { part, progress, .. } = recording;
     std::fs::remove_file(&part).map_err(|error| ClientError::file(&part, error))?;
     let Progress { transitions, episodes } = progress;
     Ok(Collected {
@@ -248,6 +250,16 @@ impl Recording {
         }
         recording.journal = Some(Journal::resume(&recording.part, &records)?);
         Ok(recording)
+    }
+
+    /// `cause`, with where the recorded episodes are, if there are any.
+    fn interrupted(&self, cause: ClientError) -> ClientError {
+        let Progress { transitions, episodes } = self.progress;
+        if episodes == 0 || cause.is_bad_request() {
+            return cause;
+        }
+        let (cause, part) = (Box::new(cause), self.part.clone());
+        ClientError::Interrupted { cause, part, episodes, transitions }
     }
 
     /// What is still missing.

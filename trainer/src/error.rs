@@ -48,6 +48,18 @@ pub enum ClientError {
     /// A data set.
     #[error(transparent)]
     Data(#[from] palr_gym_data::DataError),
+    /// A recording stopped half-way; what was recorded is kept.
+    #[error("{cause}; {episodes} episodes ({transitions} transitions) are safe in {}, and --resume goes on from there", part.display())]
+    Interrupted {
+        /// What stopped it.
+        cause: Box<ClientError>,
+        /// Where the recording lies.
+        part: PathBuf,
+        /// Whole episodes in it.
+        episodes: u32,
+        /// Transitions in it.
+        transitions: u64,
+    },
     /// A figure.
     #[error("cannot draw {}: {message}", path.display())]
     Plot {

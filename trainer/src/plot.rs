@@ -51,11 +51,22 @@ pub fn returns_figure(
     references: &[(&str, f64)],
     groups: &[ReturnsGroup],
 ) -> Result<(), ClientError> {
+    let values = || {
+        let episodes = groups.iter().flat_map(|group| group.returns.iter().copied());
+        episodes.chain(references.iter().map(|(_, value)| *value))
+    };
+    // The drawing library never comes back from an axis without an end.
+    if groups.is_empty() || !values().all(f64::is_finite) {
+        let message = "there is nothing to draw, or not everything is finite".to_owned();
+        return Err(ClientError::Plot { path: path.to_path_buf(), message });
+    }
+    let range = values()
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)));
     provide_font();
     let (svg, png) = (path.with_extension("svg"), path.with_extension("png"));
-    draw(&SVGBackend::new(&svg, SIZE_PX).into_drawing_area(), title, references, groups)
+    draw(&SVGBackend::new(&svg, SIZE_PX).into_drawing_area(), title, range, references, groups)
         .map_err(|message| ClientError::Plot { path: svg.clone(), message })?;
-    draw(&BitMapBackend::new(&png, SIZE_PX).into_drawing_area(), title, references, groups)
+    draw(&BitMapBackend::new(&png, SIZE_PX).into_drawing_area(), title, range, references, groups)
         .map_err(|message| ClientError::Plot { path: png.clone(), message })
 }
 
@@ -71,24 +82,20 @@ fn provide_font() {
 fn draw<B: DrawingBackend>(
     area: &DrawingArea<B, Shift>,
     title: &str,
+    range: (f64, f64),
     references: &[(&str, f64)],
     groups: &[ReturnsGroup],
 ) -> Result<(), String> {
-    draw_returns(area, title, references, groups).map_err(|error| error.to_string())
+    draw_returns(area, title, range, references, groups).map_err(|error| error.to_string())
 }
 
 fn draw_returns<B: DrawingBackend>(
     area: &DrawingArea<B, Shift>,
     title: &str,
+    (low, high): (f64, f64),
     references: &[(&str, f64)],
     groups: &[ReturnsGroup],
 ) -> Result<(), DrawingAreaErrorKind<B::ErrorType>> {
-    let values = || {
-        let episodes = groups.iter().flat_map(|group| group.returns.iter().copied());
-        episodes.chain(references.iter().map(|(_, value)| *value))
-    };
-    let (low, high) = values()
-        .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)));
     let margin = 0.08 * (high - low).max(1.0);
     let count = groups.len() as f64;
     area.fill(&WHITE)?;
@@ -162,7 +169,8 @@ mod tests {
             standard_error: Some(0.9),
             score: 98.7,
         };
-        returns_figure(&path, "hopper-v0", &[("D4RL expert", 5.0)], &[group]).unwrap();
+        let groups = [group];
+        returns_figure(&path, "hopper-v0", &[("D4RL expert", 5.0)], &groups).unwrap();
         let svg = std::fs::read_to_string(path.with_extension("svg")).unwrap();
         for text in ["hopper-v0", "D4RL expert", "expert (score 98.7)"] {
             assert!(svg.contains(text), "{text}");
@@ -171,6 +179,8 @@ mod tests {
         let png = std::fs::read(path.with_extension("png")).unwrap();
         assert!(png.starts_with(b"\x89PNG"));
         let missing = folder.path().join("absent/returns");
-        assert!(returns_figure(&missing, "", &[], &[]).is_err());
+        assert!(returns_figure(&missing, "", &[], &groups).is_err());
+        assert!(returns_figure(&path, "", &[], &[]).is_err());
+        assert!(returns_figure(&path, "", &[("D4RL expert", f64::NAN)], &groups).is_err());
     }
 }

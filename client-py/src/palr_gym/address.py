@@ -12,18 +12,23 @@ SERVER_VARIABLE = "PALR_GYM_SERVER"
 DEFAULT_SERVER = "localhost:7257"
 """The server to use when neither an argument nor the variable names one."""
 
-_HOST_AND_PORT = re.compile(r"(?P<host>\[[0-9a-fA-F:.%]+\]|[^\s:/\[\]]+):(?P<port>[0-9]{1,5})")
-_LOOPBACK = ("localhost", "127.0.0.1", "[::1]")
-
-ChannelOptions = list[tuple[str, str | int]]
+_HOST_AND_PORT = re.compile(
+    r"(?:\[(?P<ipv6>[0-9a-fA-F:.%]+)\]|(?P<name>[^\s:/\[\]]{1,240})):(?P<port>[0-9]{1,5})"
+)
 
 
 @dataclass(frozen=True)
 class Address:
-    """A server's address and the channel options that go with it."""
+    """A server's address, taken apart."""
 
     target: str
-    options: ChannelOptions
+    """For grpc."""
+    authority: str
+    """For HTTP/2."""
+    host: str
+    """Name or number; empty for a Unix socket."""
+    port: int
+    unix_path: str | None
 
 
 def server_or_default(server: str | None) -> str:
@@ -38,16 +43,16 @@ def parse_address(server: str) -> Address:
         InvalidArgument: `server` is neither `host:port` nor `unix:/path`.
     """
     if server.startswith("unix:"):
-        if not server.removeprefix("unix:"):
+        path = server.removeprefix("unix:").removeprefix("//")
+        if not path:
             raise InvalidArgument(f"server address {server!r} has no path; expected unix:/path")
-        # gRPC would send the escaped path as :authority, which HTTP/2 servers such as tonic's
-        # refuse as malformed.
-        return Address(server, [("grpc.default_authority", "localhost")])
+        # grpc would send the escaped path as authority, which servers refuse as malformed.
+        return Address(f"unix:{path}", "localhost", host="", port=0, unix_path=path)
     match = _HOST_AND_PORT.fullmatch(server)
     if match is None or not 1 <= int(match["port"]) <= 65535:
         raise InvalidArgument(
             f"server address {server!r} is not understood; expected host:port (such as "
             "localhost:7257, port 1 to 65535) or unix:/path"
         )
-    # A proxy for the Internet (http_proxy) does not lead to this machine.
-    return Address(server, [("grpc.enable_http_proxy", 0)] if match["host"] in _LOOPBACK else [])
+    host = match["ipv6"] or match["name"]
+    return Address(server, server, host=host, port=int(match["port"]), unix_path=None)

@@ -1,13 +1,13 @@
 """Calls to one server: a channel, a deadline on every call, typed errors.
 
-Only this module and `session.py` call grpc.
+Only this module calls grpc. Steps go through `stream.py` instead.
 """
 
 import threading
 import time
 from collections.abc import Generator
 from dataclasses import dataclass
-from typing import Generic, TypeVar, cast
+from typing import Generic, NoReturn, TypeVar
 
 import grpc
 from google.protobuf.message import Message
@@ -18,9 +18,10 @@ from palr_gym._proto.palr_gym.v1 import (
     evaluation_service_pb2,
     server_service_pb2,
 )
-from palr_gym.address import ChannelOptions, parse_address
+from palr_gym.address import parse_address
 from palr_gym.arguments import seconds
 from palr_gym.errors import DeadlineExceeded, FailedPrecondition, from_rpc_error
+from palr_gym.stream import MessageStream
 
 DEFAULT_DEADLINE_S = 30.0
 """Seconds that a call waits for its answer."""
@@ -28,10 +29,12 @@ DEFAULT_DEADLINE_S = 30.0
 Request = TypeVar("Request", bound=Message)
 Response = TypeVar("Response", bound=Message)
 
-_CHANNEL_OPTIONS: ChannelOptions = [
+_CHANNEL_OPTIONS: list[tuple[str, str | int]] = [
     # A session of many environments, or an episode with pixels, is larger than grpc's 4 MiB.
     ("grpc.max_receive_message_length", -1),
     ("grpc.max_send_message_length", -1),
+    # Steps take no detour (see stream.py), so nothing else may.
+    ("grpc.enable_http_proxy", 0),
     # A machine that vanishes sends nothing: ask it whether it is still there.
     ("grpc.keepalive_time_ms", 30_000),
     ("grpc.keepalive_timeout_ms", 20_000),
@@ -91,6 +94,12 @@ RESET = _method(
     "EnvironmentService", "Reset", _environments.ResetRequest, _environments.ResetResponse
 )
 STEP = _method("EnvironmentService", "Step", _environments.StepRequest, _environments.StepResponse)
+STEP_STREAM = _method(
+    "EnvironmentService",
+    "StepStream",
+    _environments.StepStreamRequest,
+    _environments.StepStreamResponse,
+)
 EVALUATE = _method(
     "EvaluationService",
     "Evaluate",
@@ -110,13 +119,14 @@ class Connection:
 
     def __init__(self, server: str, deadline_s: float) -> None:
         """See `palr_gym.Client`."""
-        address = parse_address(server)
+        self._address = parse_address(server)
         self.server = server
         self.deadline_s = seconds("deadline_s", deadline_s)
         self._channel = grpc.insecure_channel(
-            address.target, options=[*_CHANNEL_OPTIONS, *address.options]
+            self._address.target,
+            options=[*_CHANNEL_OPTIONS, ("grpc.default_authority", self._address.authority)],
         )
-        self._is_closed = False
+        self.is_closed = False
 
     def unary(
         self,
@@ -132,7 +142,8 @@ class Connection:
             PalrGymError: The kind that fits.
         """
         timeout_s = self.deadline_s if timeout_s is None else timeout_s
-        self._refuse_if_closed(asked)
+        if self.is_closed:
+            self.refuse(asked)
         call = self._channel.unary_unary(
             method.path,
             request_serializer=method.request.SerializeToString,
@@ -145,13 +156,14 @@ class Connection:
                 error, asked=asked, server=self.server, timeout_s=timeout_s
             ) from None
 
-    def unary_bytes(
-        self, method: Method[Request, Response]
-    ) -> "grpc.UnaryUnaryMultiCallable[bytes, bytes]":
-        """The bare call from and to serialised messages, for whoever counts microseconds."""
-        return cast(
-            "grpc.UnaryUnaryMultiCallable[bytes, bytes]", self._channel.unary_unary(method.path)
-        )
+    def message_stream(self, method: Method[Request, Response]) -> MessageStream:
+        """A stream of serialised messages there and back, for whoever counts microseconds.
+
+        Raises:
+            StreamLost: The server cannot be reached.
+            TimeoutError: It could not be reached in time.
+        """
+        return MessageStream(self._address, method.path, self.deadline_s)
 
     def server_stream(
         self,
@@ -176,7 +188,8 @@ class Connection:
         """
         stall_timeout_s = seconds("stall_timeout_s", stall_timeout_s)
         timeout_s = None if timeout_s is None else seconds("timeout_s", timeout_s)
-        self._refuse_if_closed(asked)
+        if self.is_closed:
+            self.refuse(asked)
         call = self._channel.unary_stream(
             method.path,
             request_serializer=method.request.SerializeToString,
@@ -204,17 +217,12 @@ class Connection:
 
     def close(self) -> None:
         """Closes the channel; calls that are still running fail with `Cancelled`."""
-        self._is_closed = True
+        self.is_closed = True
         self._channel.close()
 
-    def _refuse_if_closed(self, asked: str) -> None:
-        if self._is_closed:
-            raise closed_error(asked, self.server)
-
-
-def closed_error(asked: str, server: str) -> FailedPrecondition:
-    """What a call on a closed connection raises."""
-    return FailedPrecondition(f"{asked} on {server}: this client has been closed")
+    def refuse(self, asked: str) -> NoReturn:
+        """Raises what a call after `close` raises."""
+        raise FailedPrecondition(f"{asked} on {self.server}: this client has been closed")
 
 
 class _Watchdog:

@@ -1,6 +1,8 @@
-"""What can go wrong, as exceptions, and the one function that makes them from gRPC's errors."""
+"""What can go wrong, as exceptions, and the functions that make them from gRPC's statuses."""
 
+import contextlib
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import ClassVar
 
 import google.rpc.error_details_pb2 as error_details
@@ -116,6 +118,8 @@ _CLASSES: dict[grpc.StatusCode, type[PalrGymError]] = {
     grpc.StatusCode.CANCELLED: Cancelled,
 }
 
+_CODES: dict[int, grpc.StatusCode] = {code.value[0]: code for code in grpc.StatusCode}
+
 # After these, what became of the request is unknown.
 UNANSWERED = (DeadlineExceeded, ServerUnavailable, ServerError, Cancelled)
 
@@ -127,7 +131,7 @@ def from_rpc_error(
 
     Args:
         error: As grpc raised it.
-        asked: What was asked, such as "opening 4 environments of hopper".
+        asked: What was asked, such as "opening 4 environment(s) of hopper".
         server: Address of the server, as the user knows it.
         timeout_s: Seconds that the call had.
     """
@@ -135,48 +139,76 @@ def from_rpc_error(
         return ServerError(f"{asked} on {server}: {error}")
     code = error.code() or grpc.StatusCode.UNKNOWN
     text = error.details() or "no further details"
-    info, retry_after_s = _details(error)
+    details = _details(_status_in_trailers(error))
 
     # Without an ErrorInfo, these two were found out by the client, not told by the server.
-    if code is grpc.StatusCode.UNAVAILABLE and not info.reason:
-        text = f"no palr-gym server can be reached ({text}). {_how_to_start(server)}"
-    elif code is grpc.StatusCode.DEADLINE_EXCEEDED and not info.reason:
-        text = f"no answer within {timeout_s:g} s" if timeout_s is not None else text
+    if code is grpc.StatusCode.UNAVAILABLE and not details.info.reason:
+        return unreachable(text, asked=asked, server=server)
+    if code is grpc.StatusCode.DEADLINE_EXCEEDED and not details.info.reason and timeout_s:
+        return too_late(timeout_s, asked=asked, server=server)
+    return _exception(code, f"{asked} on {server}: {text}", details)
 
-    error_class = _CLASSES.get(code, PalrGymError)
-    if info.reason == "RESET_NEEDED":
-        error_class = ResetNeeded
-    return error_class(
-        f"{asked} on {server}: {text}",
-        code=code,
-        reason=info.reason,
-        metadata=info.metadata,
-        retry_after_s=retry_after_s,
+
+def from_status(status: rpc_status.Status, *, asked: str, server: str) -> PalrGymError:
+    """The exception for a request on a stream that was answered with an error."""
+    code = _CODES.get(status.code, grpc.StatusCode.UNKNOWN)
+    return _exception(code, f"{asked} on {server}: {status.message}", _details(status))
+
+
+def unreachable(text: str, *, asked: str, server: str) -> ServerUnavailable:
+    """The exception for a server that is not there, or no longer."""
+    if server.startswith("unix:"):
+        option = f"--unix {server.removeprefix('unix:').removeprefix('//')}"
+    else:
+        option = f"--listen {server}"
+    return ServerUnavailable(
+        f"{asked} on {server}: the palr-gym server cannot be reached ({text}). "
+        f"To start one: palr-gym serve {option}"
     )
 
 
-def _details(call: grpc.Call) -> tuple[error_details.ErrorInfo, float | None]:
-    """ErrorInfo and the seconds of RetryInfo from the trailers; empty and None if absent."""
-    info = error_details.ErrorInfo()
+def too_late(timeout_s: float, *, asked: str, server: str) -> DeadlineExceeded:
+    """The exception for an answer that did not come in time."""
+    return DeadlineExceeded(f"{asked} on {server}: no answer within {timeout_s:g} s")
+
+
+@dataclass
+class _Details:
+    """What a status says beside its code and text."""
+
+    info: error_details.ErrorInfo
+    retry_after_s: float | None
+
+
+def _details(status: rpc_status.Status) -> _Details:
+    details = _Details(error_details.ErrorInfo(), None)
     retry = error_details.RetryInfo()
-    retry_after_s = None
+    for detail in status.details:
+        # Unpack does nothing and is false if the detail is of another kind.
+        detail.Unpack(details.info)
+        if detail.Unpack(retry):
+            details.retry_after_s = retry.retry_delay.seconds + retry.retry_delay.nanos * 1e-9
+    return details
+
+
+def _status_in_trailers(call: grpc.Call) -> rpc_status.Status:
+    """The status with its details; an empty one if there is none that can be read."""
     for key, value in call.trailing_metadata() or ():
-        if key != STATUS_TRAILER or not isinstance(value, bytes):
-            continue
-        try:
-            status = rpc_status.Status.FromString(value)
-            for detail in status.details:
-                # Unpack is false and does nothing if the detail is something else.
-                detail.Unpack(info)
-                if detail.Unpack(retry):
-                    retry_after_s = retry.retry_delay.seconds + retry.retry_delay.nanos * 1e-9
-        except DecodeError:
-            # A proxy's trailer, not ours: the status code and its text still tell what happened.
-            continue
-    return info, retry_after_s
+        if key == STATUS_TRAILER and isinstance(value, bytes):
+            # Some proxy's trailer may be no Status; its code and text are enough then.
+            with contextlib.suppress(DecodeError):
+                return rpc_status.Status.FromString(value)
+    return rpc_status.Status()
 
 
-def _how_to_start(server: str) -> str:
-    if server.startswith("unix:"):
-        return f"Start one with: palr-gym serve --unix {server.removeprefix('unix:')}"
-    return f"Start one with: palr-gym serve --listen {server}"
+def _exception(code: grpc.StatusCode, message: str, details: _Details) -> PalrGymError:
+    error_class = _CLASSES.get(code, PalrGymError)
+    if details.info.reason == "RESET_NEEDED":
+        error_class = ResetNeeded
+    return error_class(
+        message,
+        code=code,
+        reason=details.info.reason,
+        metadata=details.info.metadata,
+        retry_after_s=details.retry_after_s,
+    )

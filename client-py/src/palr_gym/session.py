@@ -5,7 +5,6 @@ import weakref
 from collections.abc import Sequence
 from typing import Any, Literal, NamedTuple, Self, SupportsIndex, get_args
 
-import grpc
 import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import ArrayLike, NDArray
@@ -17,10 +16,12 @@ from palr_gym._proto.palr_gym.v1.environment_service_pb2 import (
     ResetRequest,
     StepRequest,
     StepResponse,
+    StepStreamRequest,
 )
 from palr_gym.arguments import unsigned
-from palr_gym.connection import CLOSE_SESSION, OPEN_SESSION, RESET, STEP, Connection, closed_error
-from palr_gym.errors import InvalidArgument, PalrGymError, from_rpc_error
+from palr_gym.connection import CLOSE_SESSION, OPEN_SESSION, Connection
+from palr_gym.errors import FailedPrecondition, InvalidArgument, PalrGymError
+from palr_gym.exchange import Exchange
 from palr_gym.specs import EnvironmentSpec, environment_spec
 from palr_gym.tensors import BOOL, FLOAT32, FLOAT64, columns, elements, float32_tensor, to_array
 
@@ -112,10 +113,11 @@ class Session:
         self._observations_shape = (self.num_envs, *self.spec.observation_space.shape)
         self._actions_shape = (self.num_envs, *self.spec.action_space.shape)
         self._info_shape = (self.num_envs, len(self.spec.info_names))
-        self._step_call = connection.unary_bytes(STEP)
+        self._subject = f"{self.num_envs} environment(s) of {self.spec.env_id}"
+        self._exchange = Exchange(connection, self._subject)
         self._step_head = self._head_of_step_requests()
         self._close = weakref.finalize(
-            self, _close_session, connection, self.session_id, os.getpid()
+            self, _close_session, connection, self._exchange, self.session_id, os.getpid()
         )
 
     def reset(
@@ -137,16 +139,18 @@ class Session:
         Raises:
             PalrGymError: The kind that fits.
         """
-        response = self._connection.unary(
-            RESET,
-            ResetRequest(
+        if self._exchange.under_way:
+            raise FailedPrecondition(f"resetting {self._subject} before step_wait()")
+        request = StepStreamRequest(
+            reset=ResetRequest(
                 session_id=self.session_id,
                 seeds=[unsigned("seed", seed, 64) for seed in seeds],
                 env_indices=[unsigned("environment index", index, 32) for index in env_indices],
-            ),
-            asked=self._asked("resetting"),
+            )
         )
-        return to_array(response.observations, FLOAT64, self._observations_shape)
+        self._exchange.send(request.SerializeToString(), "resetting")
+        observations = self._exchange.receive("resetting").reset.observations
+        return to_array(observations, FLOAT64, self._observations_shape)
 
     def step(self, actions: ArrayLike) -> StepResult:
         """Steps every environment once.
@@ -158,34 +162,18 @@ class Session:
             PalrGymError: The kind that fits. After `InvalidArgument`, `FailedPrecondition` and
                 the like, nothing has changed on the server.
         """
-        timeout_s = self._connection.deadline_s
-        request = self._step_request(actions)
-        try:
-            return self._step_result(self._step_call(request, timeout=timeout_s))
-        except grpc.RpcError as error:
-            raise self._step_error(error) from None
-        except ValueError:
-            # The only ValueError of grpc itself: "Cannot invoke RPC on closed channel!"
-            raise self._closed_error() from None
+        if self._exchange.under_way:
+            raise FailedPrecondition(f"stepping {self._subject} before step_wait()")
+        self._exchange.send(self._step_request(actions), "stepping")
+        return self._step_result(self._exchange.receive("stepping").step)
 
-    def step_async(self, actions: ArrayLike) -> "grpc.Future[bytes]":
-        """Sends a step. `step_wait` takes what this returns; the deadline starts to run now."""
-        timeout_s = self._connection.deadline_s
-        request = self._step_request(actions)
-        try:
-            return self._step_call.future(request, timeout=timeout_s)
-        except ValueError:
-            # The only ValueError of grpc itself: "Cannot invoke RPC on closed channel!"
-            raise self._closed_error() from None
+    def step_async(self, actions: ArrayLike) -> None:
+        """Sends a step, and does not wait. Several may be under way; the deadline runs at once."""
+        self._exchange.send(self._step_request(actions), "stepping")
 
-    def step_wait(self, pending: "grpc.Future[bytes]") -> StepResult:
-        """Waits for a step that `step_async` sent; otherwise like `step`."""
-        try:
-            return self._step_result(pending.result())
-        except grpc.FutureCancelledError:
-            raise self._closed_error() from None
-        except grpc.RpcError as error:
-            raise self._step_error(error) from None
+    def step_wait(self) -> StepResult:
+        """Waits for the oldest step that was sent; otherwise like `step`."""
+        return self._step_result(self._exchange.receive("stepping").step)
 
     def close(self) -> None:
         """Closes the session on the server, if the server is still there. May be repeated."""
@@ -199,31 +187,18 @@ class Session:
         """Closes the session."""
         self.close()
 
-    def _asked(self, what: str) -> str:
-        return f"{what} {self.num_envs} environment(s) of {self.spec.env_id}"
-
-    def _step_error(self, error: grpc.RpcError) -> PalrGymError:
-        return from_rpc_error(
-            error,
-            asked=self._asked("stepping"),
-            server=self._connection.server,
-            timeout_s=self._connection.deadline_s,
-        )
-
-    def _closed_error(self) -> PalrGymError:
-        return closed_error(self._asked("stepping"), self._connection.server)
-
     def _head_of_step_requests(self) -> bytes:
-        """A serialised StepRequest up to the elements of the actions.
+        """A serialised request to step, up to the elements of the actions.
 
-        Fields are written in the order of their numbers and the elements come last, so that a
-        request is this head and the array's bytes.
+        Fields are written in the order of their numbers, and the elements come last of all, so
+        that a request is this head and the array's bytes.
         """
         data = bytes(int(np.prod(self._actions_shape)) * FLOAT32.itemsize)
         actions = tensor_pb2.Tensor(
             dtype=tensor_pb2.DATA_TYPE_FLOAT32, shape=self._actions_shape, data=data
         )
-        request = StepRequest(session_id=self.session_id, actions=actions).SerializeToString()
+        step = StepRequest(session_id=self.session_id, actions=actions)
+        request = StepStreamRequest(step=step).SerializeToString()
         return request[: len(request) - len(data)]
 
     def _step_request(self, actions: ArrayLike) -> bytes:
@@ -231,17 +206,16 @@ class Session:
             array = np.asarray(actions, dtype=FLOAT32)
         except (TypeError, ValueError) as error:
             raise InvalidArgument(
-                f"{self._asked('stepping')}: the actions are no array of numbers of shape "
+                f"stepping {self._subject}: the actions are no array of numbers of shape "
                 f"{list(self._actions_shape)} ({error})"
             ) from None
         if array.shape == self._actions_shape:
             return self._step_head + array.tobytes()
         # The server says what is wrong with the shape.
-        request = StepRequest(session_id=self.session_id, actions=float32_tensor(array))
-        return request.SerializeToString()
+        step = StepRequest(session_id=self.session_id, actions=float32_tensor(array))
+        return StepStreamRequest(step=step).SerializeToString()
 
-    def _step_result(self, response: bytes) -> StepResult:
-        message = StepResponse.FromString(response)
+    def _step_result(self, message: StepResponse) -> StepResult:
         num_envs = (self.num_envs,)
         final_observations = None
         if message.HasField("final_observations"):
@@ -265,9 +239,12 @@ def _parse_autoreset_mode(mode: AutoresetMode | str) -> AutoresetMode:
         raise InvalidArgument(f"autoreset_mode is {mode!r}; expected one of {modes}") from None
 
 
-def _close_session(connection: Connection, session_id: str, opened_by: int) -> None:
+def _close_session(
+    connection: Connection, exchange: Exchange, session_id: str, opened_by: int
+) -> None:
+    exchange.close()
     # A forked child has a copy of the session object, but the session is its parent's.
-    if os.getpid() != opened_by:
+    if connection.is_closed or os.getpid() != opened_by:
         return
     try:
         connection.unary(

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from typing import Any, Self, SupportsIndex, cast
 
-import grpc
 import gymnasium
 import numpy as np
 from gymnasium.error import AlreadyPendingCallError, ClosedEnvironmentError, NoAsyncCallError
@@ -103,7 +102,7 @@ class RemoteVectorEnv(VectorEnv[NDArray[np.float64], NDArray[np.float32], NDArra
         # Environments that the next step will reset; only ever set in NEXT_STEP.
         self._resets_next: NDArray[np.bool_] | None = None
         self._is_playing = False
-        self._pending: grpc.Future[bytes] | None = None
+        self._is_step_pending = False
 
     def reset(
         self,
@@ -180,7 +179,8 @@ class RemoteVectorEnv(VectorEnv[NDArray[np.float64], NDArray[np.float32], NDArra
             PalrGymError: The kind that fits.
         """
         self._refuse_unless_playing("step_async")
-        self._pending = self._session.step_async(actions)
+        self._session.step_async(actions)
+        self._is_step_pending = True
 
     def step_wait(self) -> VectorStep:
         """Waits for the step that `step_async` sent; returns and raises as `step` does.
@@ -188,11 +188,11 @@ class RemoteVectorEnv(VectorEnv[NDArray[np.float64], NDArray[np.float32], NDArra
         Raises:
             NoAsyncCallError: There is none.
         """
-        pending, self._pending = self._pending, None
-        if pending is None:
+        if not self._is_step_pending:
             raise NoAsyncCallError("step_wait() without step_async()", "step")
+        self._is_step_pending = False
         try:
-            return self._returned(self._session.step_wait(pending))
+            return self._returned(self._session.step_wait())
         except UNANSWERED:
             self._is_playing = False
             raise
@@ -200,9 +200,7 @@ class RemoteVectorEnv(VectorEnv[NDArray[np.float64], NDArray[np.float32], NDArra
     def close_extras(self, **kwargs: Any) -> None:
         """Closes the session, if the server is still there."""
         self._is_playing = False
-        if self._pending is not None:
-            self._pending.cancel()
-            self._pending = None
+        self._is_step_pending = False
         self._session.close()
         self._connection.close()
 
@@ -292,7 +290,7 @@ class RemoteVectorEnv(VectorEnv[NDArray[np.float64], NDArray[np.float32], NDArra
         return mask
 
     def _refuse_unless_playing(self, what: str) -> None:
-        if self._pending is not None or not self._is_playing:
+        if self._is_step_pending or not self._is_playing:
             self._refuse_if_busy(what)
             raise ResetNeeded(
                 f"{self.remote_spec.env_id}: no episodes are under way (there was no reset, or a "
@@ -302,7 +300,7 @@ class RemoteVectorEnv(VectorEnv[NDArray[np.float64], NDArray[np.float32], NDArra
     def _refuse_if_busy(self, what: str) -> None:
         if self.closed:
             raise ClosedEnvironmentError(f"{what}() of {self.remote_spec.env_id} after close()")
-        if self._pending is not None:
+        if self._is_step_pending:
             raise AlreadyPendingCallError(
                 f"{what}() of {self.remote_spec.env_id} before step_wait()", "step"
             )

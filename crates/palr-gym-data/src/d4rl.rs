@@ -44,6 +44,13 @@ pub struct D4rlShape {
     pub has_action_log_probs: bool,
 }
 
+/// HDF5's text, or the system's alone where HDF5 wraps a full disk in a page of it.
+fn plain(error: &dyn std::fmt::Display) -> String {
+    const NO_SPACE: &str = "No space left on device";
+    let text = error.to_string();
+    if text.contains(NO_SPACE) { NO_SPACE.to_owned() } else { text }
+}
+
 /// A value under `metadata/`.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Metadata {
@@ -83,7 +90,7 @@ impl D4rlWriter {
         let failed = |dataset: &str, error: hdf5_metno::Error| DataError::Write {
             path: path.to_path_buf(),
             dataset: dataset.to_owned(),
-            message: error.to_string(),
+            message: plain(&error),
         };
         let file = File::with_options()
             .with_fcpl(|plist| plist.obj_track_times(false))
@@ -230,7 +237,7 @@ impl D4rlWriter {
         DataError::Write {
             path: self.path.clone(),
             dataset: dataset.trim_start_matches('/').to_owned(),
-            message: error.to_string(),
+            message: plain(error),
         }
     }
 }

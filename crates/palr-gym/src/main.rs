@@ -70,7 +70,8 @@ async fn run(cli: Cli) -> anyhow::Result<()> {
 
 /// Logs go to stderr; stdout is for results.
 fn start_logging(cli: &Cli) {
-    let default = if matches!(cli.command, Command::Serve(_)) { "info" } else { "warn" };
+    let default =
+        if matches!(cli.command, Command::Serve(_)) { "info" } else { "warn,mujoco=error" };
     let filter =
         EnvFilter::try_from_env("PALR_GYM_LOG").unwrap_or_else(|_| EnvFilter::new(default));
     let subscriber = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr);

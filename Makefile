@@ -1,0 +1,48 @@
+# Each target is a line or two that a person could type. The two that matter: make demo, make test.
+.PHONY: setup demo test lint stubs release deps clean
+
+PYTHON := .venv/bin/python
+
+## Everything `cargo build` needs: Debian packages (apt, as root or with sudo), .venv, native/lib.
+setup:
+	scripts/setup.sh build
+
+## Collect, evaluate and draw, from nothing, into runs/demo/NNN.
+demo: setup
+	cargo build --release -p palr-gym
+	target/release/palr-gym demo $(ARGS)
+
+## Everything that must hold.
+test: setup-test lint
+	cargo build -p palr-gym
+	cargo nextest run --workspace
+	cargo test --doc --workspace
+	$(PYTHON) -m pytest
+
+lint: setup-test
+	cargo fmt --all --check
+	cargo clippy --workspace --all-targets -- -D warnings
+	RUSTDOCFLAGS="-D warnings" cargo doc --quiet --workspace --no-deps
+	.venv/bin/buf lint proto
+	.venv/bin/ruff format --check
+	.venv/bin/ruff check
+	.venv/bin/pyright
+
+setup-test:
+	scripts/setup.sh test
+.PHONY: setup-test
+
+## Regenerates the Python stubs after a change of proto/.
+stubs: setup-test
+	$(PYTHON) scripts/generate_python_stubs.py
+
+release: setup
+	cargo build --release -p palr-gym
+
+## Unused and unwanted dependencies. Needs cargo-machete and cargo-deny (cargo install).
+deps:
+	cargo machete
+	cargo deny check bans licenses sources
+
+clean:
+	rm -rf target .venv .venv-bench native

@@ -1,0 +1,9 @@
+"""One module for each first part of a name, and a line here."""
+
+from bench.families import latency, start, step
+from bench.plan import Group
+
+
+def groups() -> list[Group]:
+    """Everything that can be measured."""
+    return [*step.groups(), *latency.groups(), *start.groups()]

@@ -1,0 +1,173 @@
+"""Figures as data: from measurements to entries of results.json and tables of the README.
+
+Nothing here measures, reads or writes.
+"""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from statistics import median_low
+from typing import Literal, NotRequired, TypedDict
+
+Kind = Literal["throughput", "cost", "absolute"]
+Better = Literal["higher", "lower"]
+
+START_MARKER = "<!-- bench:start -->"
+END_MARKER = "<!-- bench:end -->"
+
+_SIGNIFICANT_DIGITS = 5
+_HEADINGS: Mapping[str, str] = {
+    "step": "Stepping",
+    "latency": "Round trips",
+    "start": "Starting",
+    "idle": "Idling",
+    "train": "Training",
+    "render": "Rendering",
+    "features": "Features",
+    "sac": "SAC",
+    "collect": "Collecting",
+}
+
+
+class Entry(TypedDict):
+    """A figure in results.json."""
+
+    name: str
+    kind: Kind
+    better: Better
+    ours: NotRequired[float]
+    reference: NotRequired[float]
+    ratio: NotRequired[float]
+    """ours / reference. A figure has either these three or a value."""
+    value: NotRequired[float]
+    unit: str
+    """Of ours and reference, or of value."""
+    spread: list[float]
+    """Smallest and largest ratio (or value) of all repeats."""
+    repeats: int
+    command: str
+    date: str
+    processor: str
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """What one repeat gave: ours, and what stood against it if anything did."""
+
+    ours: float
+    reference: float | None = None
+
+    @property
+    def ratio(self) -> float:
+        """What the figure is about: ours / reference, or ours alone."""
+        return self.ours if self.reference is None else self.ours / self.reference
+
+
+@dataclass(frozen=True)
+class Circumstances:
+    """Where and when it was measured."""
+
+    date: str
+    processor: str
+
+
+def entry(
+    name: str,
+    *,
+    kind: Kind,
+    better: Better,
+    unit: str,
+    repeats: Sequence[Comparison],
+    circumstances: Circumstances,
+) -> Entry:
+    """The figure of the repeat whose ratio is the median of all repeats' ratios.
+
+    Ours and its reference are measured one after the other in each repeat, so a machine that is
+    slow for a while slows both: their ratio within a repeat is what can be trusted. Of an even
+    number of repeats the lower of the two in the middle is taken, so that the published numbers
+    always are of one repeat and their quotient is the published ratio.
+    """
+    ratios = [comparison.ratio for comparison in repeats]
+    middle = repeats[ratios.index(median_low(ratios))]
+    result = Entry(
+        name=name,
+        kind=kind,
+        better=better,
+        unit=unit,
+        spread=[_rounded(min(ratios)), _rounded(max(ratios))],
+        repeats=len(repeats),
+        command=f"make bench ONLY={name}",
+        date=circumstances.date,
+        processor=circumstances.processor,
+    )
+    if middle.reference is None:
+        result["value"] = _rounded(middle.ours)
+    else:
+        result["ours"] = _rounded(middle.ours)
+        result["reference"] = _rounded(middle.reference)
+        result["ratio"] = _rounded(middle.ratio)
+    return result
+
+
+def merged(old: Iterable[Entry], new: Iterable[Entry]) -> list[Entry]:
+    """`old` with the entries of `new` in the place of those with the same names, by name."""
+    entries = {entry["name"]: entry for entry in old} | {entry["name"]: entry for entry in new}
+    return sorted(entries.values(), key=lambda entry: _sort_key(entry["name"]))
+
+
+def tables(entries: Iterable[Entry]) -> str:
+    """All figures as Markdown, a table for each first part of a name."""
+    blocks: list[str] = []
+    ordered = sorted(entries, key=lambda entry: _sort_key(entry["name"]))
+    for family, rows in groupby(ordered, key=lambda entry: entry["name"].split(".")[0]):
+        lines = [
+            f"**{_HEADINGS.get(family, family)}**",
+            "",
+            "| figure | ours | reference | unit | ratio | all repeats |",
+            "|---|---:|---:|---|---:|---|",
+        ]
+        lines += [_row(row) for row in rows]
+        blocks.append("\n".join(lines))
+    where = sorted({f"{entry['processor']}, {entry['date']}" for entry in ordered})
+    blocks.append(f"Measured on: {'; '.join(where) or 'nothing yet'}. `make bench` repeats it.")
+    return "\n\n".join(blocks)
+
+
+def with_tables(readme: str, entries: Iterable[Entry]) -> str:
+    """`readme` with new tables between its markers; without both markers, as it is."""
+    head, start, rest = readme.partition(START_MARKER)
+    _, end, tail = rest.partition(END_MARKER)
+    if not start or not end:
+        return readme
+    return f"{head}{START_MARKER}\n{tables(entries)}\n{END_MARKER}{tail}"
+
+
+def _row(entry: Entry) -> str:
+    low, high = (_text(bound) for bound in entry["spread"])
+    if "ratio" in entry and "ours" in entry and "reference" in entry:
+        ours, reference = _text(entry["ours"]), _text(entry["reference"])
+        ratio = f"**{entry['ratio']:.2f}**"
+        low, high = (f"{bound:.2f}" for bound in entry["spread"])
+    else:
+        ours, reference, ratio = f"**{_text(entry.get('value', math.nan))}**", "", ""
+    cells = [f"`{entry['name']}`", ours, reference, entry["unit"], ratio]
+    return f"| {' | '.join(cells)} | {low} to {high} |"
+
+
+def _text(number: float) -> str:
+    """Three significant digits or all digits before the point, whichever is more."""
+    if not math.isfinite(number) or number == 0:
+        return str(number)
+    decimals = max(0, 2 - math.floor(math.log10(abs(number))))
+    # Spaces between thousands, which no locale takes for a decimal point.
+    return f"{number:,.{decimals}f}".replace(",", " ")
+
+
+def _rounded(number: float) -> float:
+    return float(f"{number:.{_SIGNIFICANT_DIGITS}g}")
+
+
+def _sort_key(name: str) -> list[tuple[int, str]]:
+    """Numbers in a name by their value: step.hopper.8 before step.hopper.64."""
+    return [(int(part), "") if part.isdigit() else (-1, part) for part in name.split(".")]

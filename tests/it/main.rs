@@ -1,0 +1,11 @@
+//! What must hold across crates and transports.
+//!
+//! Servers run in this process on sockets of their own; nothing sleeps to wait for something.
+#![allow(missing_docs, unreachable_pub, reason = "a test's name is its documentation")]
+
+mod architecture;
+mod drain;
+mod errors;
+mod rollouts;
+mod stream;
+mod support;
