@@ -79,7 +79,7 @@ pub enum WireAnswer {
     /// To a reset.
     Reset(v1::ResetResponse),
     /// To a step.
-    Step(v1::StepResponse),
+    Step(Box<v1::StepResponse>),
 }
 
 impl Encode for WireEncode {
@@ -101,7 +101,7 @@ impl Encode for WireEncode {
             .filter(|(_, (terminated, truncated))| **terminated || **truncated)
             .flat_map(|(row, _)| row.iter().copied())
             .collect();
-        WireAnswer::Step(v1::StepResponse {
+        WireAnswer::Step(Box::new(v1::StepResponse {
             observations: Some(float64(&frame.observations, &[num_envs, size])),
             rewards: Some(float64(&frame.rewards, &[num_envs])),
             terminated: Some(boolean(&frame.terminated, &[num_envs])),
@@ -109,7 +109,7 @@ impl Encode for WireEncode {
             info: Some(float64(&frame.info, &[num_envs, spec.task.info_names.len()])),
             final_observations: (!ended.is_empty())
                 .then(|| float64(&ended, &[ended.len() / size, size])),
-        })
+        }))
     }
 }
 

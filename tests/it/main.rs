@@ -1,6 +1,7 @@
 //! What must hold across crates and transports.
 //!
 //! Servers run in this process on sockets of their own; nothing sleeps to wait for something.
+#![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test may stop where it stands")]
 #![allow(missing_docs, unreachable_pub, reason = "a test's name is its documentation")]
 
 mod architecture;

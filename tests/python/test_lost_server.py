@@ -271,19 +271,24 @@ def test_a_server_is_reached_over_a_unix_socket(tmp_path: Path) -> None:
         assert_same_bits(by_path, by_port)
 
 
-def test_closing_an_environment_frees_its_session(own_server: ServerProcess) -> None:
-    with Client(own_server.address) as client:
-        limits = client.server_info().limits
+def test_closed_and_forgotten_environments_free_their_sessions() -> None:
+    with running_server("--max-sessions", "2") as server:
         for _ in range(3):
-            # Only one of this size fits at a time.
-            large = [
-                client.open_session("hopper", num_envs=limits.max_envs_per_session)
-                for _ in range(limits.max_envs // limits.max_envs_per_session)
-            ]
+            closed = palr_gym.make("hopper", server=server.address)
+            forgotten = palr_gym.make_vec("hopper", 2, server=server.address)
+            forgotten.reset(seed=0)
             with pytest.raises(errors.ResourceExhausted) as caught:
-                client.open_session("hopper", num_envs=limits.max_envs_per_session)
-            assert caught.value.reason == "TOO_MANY_ENVS"
+                palr_gym.make("hopper", server=server.address)
+            assert caught.value.reason == "TOO_MANY_SESSIONS"
             assert caught.value.retry_after_s is not None
-            # Garbage collection closes them as well.
-            large.pop().close()
-            del large
+            closed.close()
+            del forgotten
+
+
+def test_a_call_that_is_running_when_its_client_is_closed_is_cancelled(server: str) -> None:
+    client = Client(server)
+    timer = threading.Timer(0.3, client.close)
+    timer.start()
+    with within(5), pytest.raises(errors.Cancelled):
+        client.evaluate("hopper", "random", episodes=1_000_000)
+    timer.join()

@@ -1,11 +1,13 @@
 """The stream of steps at its edges: a peer that frames as it likes, and connections that break."""
 
 import contextlib
+import itertools
 import socket
 import struct
 import threading
 import time
 from collections.abc import Callable, Generator
+from typing import NoReturn
 
 import numpy as np
 import pytest
@@ -38,16 +40,16 @@ class Peer:
     """The server's side of a connection, by hand."""
 
     def __init__(self, connection: socket.socket) -> None:
-        self._connection = connection
+        self.connection = connection
         self.frames: list[tuple[int, int, int, bytes]] = []
 
     def send(self, *parts: bytes) -> None:
-        self._connection.sendall(b"".join(parts))
+        self.connection.sendall(b"".join(parts))
 
     def read(self, size: int) -> bytes:
         data = b""
         while len(data) < size:
-            more = self._connection.recv(size - len(data))
+            more = self.connection.recv(size - len(data))
             assert more, "the client hung up"
             data += more
         return data
@@ -105,6 +107,11 @@ def soon(seconds: float = 5) -> float:
     return time.monotonic() + seconds
 
 
+def receive_all(client: MessageStream) -> NoReturn:
+    while True:
+        client.receive(soon())
+
+
 RESPONSE_HEADERS = frame(HEADERS, END_HEADERS, 1, b"\x88")
 
 
@@ -112,7 +119,7 @@ def test_messages_may_be_framed_in_any_way() -> None:
     messages = [b"", b"x", b"y" * 200, b"z" * 70_000, b"w" * 5]
     stream_of_bytes = b"".join(map(prefixed, messages))
     cuts = [0, 1, 4, 5, 6, 9, 11, 215, 216, 40_000, 70_200, len(stream_of_bytes)]
-    pieces = [stream_of_bytes[start:end] for start, end in zip(cuts[:-1], cuts[1:], strict=True)]
+    pieces = [stream_of_bytes[start:end] for start, end in itertools.pairwise(cuts)]
 
     def script(peer: Peer) -> None:
         everything = RESPONSE_HEADERS
@@ -168,10 +175,10 @@ def test_what_is_sent_stays_within_the_servers_limits() -> None:
     def script(peer: Peer) -> None:
         first = peer.read_data(65_535)
         # No credit is left: nothing more may come.
-        peer._connection.settimeout(0.3)
+        peer.connection.settimeout(0.3)
         with pytest.raises(TimeoutError):
             peer.read(1)
-        peer._connection.settimeout(10)
+        peer.connection.settimeout(10)
         assert max(len(payload) for *_, payload in peer.frames) <= 16_384
         # Credit for the connection alone is of no use, nor is a frame size alone.
         peer.send(
@@ -196,7 +203,11 @@ def test_what_is_sent_stays_within_the_servers_limits() -> None:
 
 def test_a_server_that_gives_no_credit_runs_into_the_deadline() -> None:
     released = threading.Event()
-    with connected(lambda _: released.wait(10) and None) as client:
+
+    def script(_: Peer) -> None:
+        released.wait(10)
+
+    with connected(script) as client:
         with pytest.raises(TimeoutError):
             client.send(bytes(100_000), soon(0.3))
         released.set()
@@ -242,8 +253,7 @@ def test_a_stream_that_ends_is_lost_after_what_came_before(end: bytes, reason: s
         if "frame of" not in reason and "compressed" not in reason:
             assert client.receive(soon()) == b"before"
         with pytest.raises(StreamLost, match=reason):
-            for _ in range(2):
-                client.receive(soon())
+            receive_all(client)
         assert client.is_closed
         assert not client.is_alive()
 
@@ -262,18 +272,18 @@ def test_after_a_pause_pings_are_answered_and_ends_are_noticed(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(stream, "IDLE_S", 0)
-    pinged, answered = threading.Event(), threading.Event()
+    answered, may_end = threading.Event(), threading.Event()
 
     def script(peer: Peer) -> None:
         peer.send(frame(PING, 0, 0, b"are you?"))
-        pinged.set()
         assert peer.read_until(PING)[3] == b"are you?"
         answered.set()
+        may_end.wait(5)
 
     with connected(script) as client:
-        pinged.wait(5)
         while not answered.wait(0.01):
             assert client.is_alive()
+        may_end.set()
         end = soon()
         while client.is_alive():
             assert time.monotonic() < end, "the end was never noticed"
@@ -371,6 +381,8 @@ def test_an_interrupted_step_leaves_no_answer_behind(
             patch.setattr(MessageStream, "receive", interrupt)
             with pytest.raises(KeyboardInterrupt):
                 envs.step(np.zeros((2, 3)))
+        with pytest.raises(errors.ResetNeeded, match="no answer"):
+            envs.step(np.zeros((2, 3)))
         # The answer to the step must not be taken for the answer to the reset.
         assert_same_bits(envs.reset(seed=0)[0], first)
 

@@ -130,7 +130,7 @@ pub async fn collect(
     }
     let mut recording = Recording::open(part)?;
     let resumed_episodes = recording.progress.episodes;
-    if recording.remaining(options.amount).is_some() {
+    if recording.remaining(options.amount).is_some() || resumed_episodes == 0 {
         let recorded = recording.record(client, options, &mut on_progress).await;
         recorded.map_err(|cause| recording.interrupted(cause))?;
     } else {
@@ -309,7 +309,8 @@ impl Recording {
         let request = v1::CollectRequest {
             env_id: options.env_id.clone(),
             policy: Some(options.policy.load()?),
-            amount: self.remaining(options.amount),
+            // Nothing at all is for the server to refuse.
+            amount: self.remaining(options.amount).or(Some(options.amount)),
             seed: options.seed,
             action_mode: wire_action_mode(options.action_mode).into(),
             num_envs: options.num_envs,
@@ -465,7 +466,7 @@ fn values<T: bytemuck::AnyBitPattern + bytemuck::NoUninit>(
     tensor: Option<&v1::Tensor>,
 ) -> Cow<'_, [T]> {
     let bytes: &[u8] = tensor.map_or(&[], |tensor| &tensor.data);
-    if bytes.len() % size_of::<T>() != 0 {
+    if !bytes.len().is_multiple_of(size_of::<T>()) {
         return Cow::Owned(Vec::new());
     }
     Cow::Owned(bytemuck::allocation::pod_collect_to_vec(bytes))

@@ -8,10 +8,11 @@ from gymnasium.error import ClosedEnvironmentError
 from gymnasium.vector import AutoresetMode
 from numpy.typing import ArrayLike, NDArray
 
+from palr_gym import errors
 from palr_gym.address import server_or_default
 from palr_gym.arguments import unsigned
 from palr_gym.connection import DEFAULT_DEADLINE_S, Connection
-from palr_gym.errors import UNANSWERED, InvalidArgument, ResetNeeded
+from palr_gym.errors import InvalidArgument, ResetNeeded
 from palr_gym.session import OutOfBounds, Session
 from palr_gym.specs import EnvironmentSpec
 
@@ -117,8 +118,8 @@ class RemoteEnv(gymnasium.Env[NDArray[np.float64], NDArray[np.float32]]):
             )
         try:
             result = self._session.step(cast("ArrayLike", [action]))
-        except UNANSWERED:
-            self._is_playing = False
+        except BaseException as error:
+            self._is_playing = errors.is_refusal(error)
             raise
         terminated = bool(result.terminated[0])
         truncated = bool(result.truncated[0])

@@ -120,8 +120,14 @@ _CLASSES: dict[grpc.StatusCode, type[PalrGymError]] = {
 
 _CODES: dict[int, grpc.StatusCode] = {code.value[0]: code for code in grpc.StatusCode}
 
-# After these, what became of the request is unknown.
-UNANSWERED = (DeadlineExceeded, ServerUnavailable, ServerError, Cancelled)
+
+def is_refusal(error: BaseException) -> bool:
+    """Whether `error` means that nothing has changed on the server.
+
+    After any other exception (KeyboardInterrupt, for example) nobody knows.
+    """
+    unanswered = (DeadlineExceeded, ServerUnavailable, ServerError, Cancelled)
+    return isinstance(error, PalrGymError) and not isinstance(error, unanswered)
 
 
 def from_rpc_error(

@@ -9,10 +9,10 @@ reads no headers, because they hold nothing that is needed: errors about request
 and a stream that ends is lost, whatever its trailers say. Not here: TLS, proxies, compression.
 """
 
-import contextlib
 import os
 import socket
 import struct
+import threading
 import time
 import weakref
 from collections import deque
@@ -64,8 +64,10 @@ _OUR_FRAME_BYTES = 2**20
 CREDIT_BYTES = 2**30
 """After this many received bytes the server gets new credit."""
 
-IDLE_S = 2.0
-"""After a pause of this length, look whether the server is still there before sending."""
+IDLE_S = 1.0
+"""After a pause of this length, a stream is idle."""
+_CARE_PERIOD_S = 0.5
+_CARE_TIMEOUT_S = 1.0
 
 
 class StreamLost(Exception):
@@ -73,9 +75,11 @@ class StreamLost(Exception):
 
 
 class MessageStream:
-    """A stream of messages to and from one method. Not thread-safe.
+    """A stream of messages to and from one method.
 
-    After any exception the stream is closed.
+    After any exception the stream is closed. While nobody waits for a message, a thread that all
+    streams share looks after them: servers ask now and then whether their clients live, and want
+    to know before they shut down.
     """
 
     def __init__(self, address: Address, path: str, timeout_s: float) -> None:
@@ -101,11 +105,12 @@ class MessageStream:
         self._messages: deque[bytes] = deque()
         self._lost_because: str | None = None
         self._last_used = time.monotonic()
+        # Whoever holds it may use everything above, and the socket.
+        self._lock = threading.Lock()
         try:
             self._socket = _connect(address, self._last_used + timeout_s)
         except OSError as error:
             raise _as_ours(error) from error
-        _open_streams.add(self)
         # Python warns of sockets that are forgotten; streams may be.
         weakref.finalize(self, self._socket.close)
         try:
@@ -113,6 +118,7 @@ class MessageStream:
         except OSError as error:
             self.close()
             raise _as_ours(error) from error
+        _carer.care_for(self)
 
     def send(self, message: bytes, deadline: float) -> None:
         """Sends a message.
@@ -126,23 +132,13 @@ class MessageStream:
             TimeoutError: The deadline has passed.
         """
         data = b"\0" + len(message).to_bytes(4, "big") + message
-        try:
-            while data:
-                size = min(
-                    len(data), self._frame_bytes, self._stream_credit, self._connection_credit
-                )
-                if size <= 0:
-                    # The server gives credit when it has read what it got.
-                    self._wait_for_frames(deadline)
-                    continue
-                self._stream_credit -= size
-                self._connection_credit -= size
-                self._socket.settimeout(_remaining(deadline))
-                self._socket.sendall(_frame(_Frame.DATA, 0, _STREAM, data[:size]))
-                data = data[size:]
-        except BaseException as error:
-            self.close()
-            raise _as_ours(error) from error
+        with self._lock:
+            try:
+                while data:
+                    data = data[self._send_part(data, deadline) :]
+            except BaseException as error:
+                self.close()
+                raise _as_ours(error) from error
 
     def receive(self, deadline: float) -> bytes:
         """Waits for a message.
@@ -154,35 +150,29 @@ class MessageStream:
             StreamLost: The stream has ended.
             TimeoutError: The deadline has passed.
         """
-        try:
-            while not self._messages:
-                self._wait_for_frames(deadline)
-        except BaseException as error:
-            self.close()
-            raise _as_ours(error) from error
-        self._last_used = time.monotonic()
-        return self._messages.popleft()
+        with self._lock:
+            try:
+                while not self._messages:
+                    self._wait_for_frames(deadline)
+            except BaseException as error:
+                self.close()
+                raise _as_ours(error) from error
+            self._last_used = time.monotonic()
+            return self._messages.popleft()
 
     def is_alive(self) -> bool:
-        """Whether the stream can still be used, as far as can be known without sending.
+        """Whether the stream can still be used, as far as can be known without sending."""
+        with self._lock:
+            self._look_if_idle()
+            return self._lost_because is None and not self.is_closed
 
-        Servers ask their clients now and then whether they live. While nobody waits for a message
-        nobody answers, and in the end the server hangs up. So after a pause it is time to look.
-        """
-        now = time.monotonic()
-        if now - self._last_used >= IDLE_S and not self.is_closed:
-            self._last_used = now
+    def care(self) -> None:
+        """Answers the server's pings if nobody else is about to."""
+        if self._lock.acquire(blocking=False):
             try:
-                self._socket.setblocking(False)
-                with contextlib.suppress(BlockingIOError):
-                    while self._lost_because is None:
-                        self._read()
-                        self._take_frames()
-            except (StreamLost, OSError):
-                self.close()
-        if self._lost_because is not None:
-            self.close()
-        return not self.is_closed
+                self._look_if_idle()
+            finally:
+                self._lock.release()
 
     @property
     def is_closed(self) -> bool:
@@ -192,6 +182,37 @@ class MessageStream:
     def close(self) -> None:
         """Ends the stream at once. May be repeated."""
         self._socket.close()
+
+    def _look_if_idle(self) -> None:
+        """After a pause, takes in what has arrived meanwhile. Does not wait."""
+        if self.is_closed or time.monotonic() - self._last_used < IDLE_S:
+            return
+        try:
+            while self._lost_because is None:
+                self._socket.setblocking(False)
+                try:
+                    self._read()
+                except BlockingIOError:
+                    return
+                self._socket.settimeout(_CARE_TIMEOUT_S)
+                self._take_frames()
+        except (StreamLost, OSError) as error:
+            self._end_because(str(error))
+        # Hanging up is all the server still waits for.
+        self.close()
+
+    def _send_part(self, data: bytes, deadline: float) -> int:
+        """Sends a frame with as much of `data` as is allowed; returns how much that was."""
+        size = min(len(data), self._frame_bytes, self._stream_credit, self._connection_credit)
+        if size <= 0:
+            # The server gives credit when it has read what it got.
+            self._wait_for_frames(deadline)
+            return 0
+        self._stream_credit -= size
+        self._connection_credit -= size
+        self._socket.settimeout(_remaining(deadline))
+        self._socket.sendall(_frame(_Frame.DATA, 0, _STREAM, data[:size]))
+        return size
 
     def _wait_for_frames(self, deadline: float) -> None:
         """Takes in what arrives next."""
@@ -388,12 +409,45 @@ def _literal(text: str) -> bytes:
     return bytes((size,) if size < 127 else (127, size - 127)) + encoded
 
 
-_open_streams: "weakref.WeakSet[MessageStream]" = weakref.WeakSet()
+class _Carer:
+    """The thread that looks after idle streams. It lives as long as there are any."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._streams: weakref.WeakSet[MessageStream] = weakref.WeakSet()
+        self._is_running = False
+
+    def care_for(self, stream: MessageStream) -> None:
+        with self._lock:
+            self._streams.add(stream)
+            if not self._is_running:
+                self._is_running = True
+                threading.Thread(target=self._run, name="palr_gym-carer", daemon=True).start()
+
+    def open_streams(self) -> list[MessageStream]:
+        with self._lock:
+            return [stream for stream in self._streams if not stream.is_closed]
+
+    def _run(self) -> None:
+        while True:
+            time.sleep(_CARE_PERIOD_S)
+            for stream in self.open_streams():
+                stream.care()
+            with self._lock:
+                if all(stream.is_closed for stream in self._streams):
+                    self._is_running = False
+                    return
+
+
+_carer = _Carer()
 
 
 def _leave_streams_to_the_parent() -> None:
     """In a forked child: two processes cannot share a stream; the child will open its own."""
-    for stream in list(_open_streams):
+    global _carer
+    forgotten, _carer = _carer, _Carer()
+    # Its lock may be held by a thread that only the parent has.
+    for stream in list(forgotten._streams):
         stream.close()
 
 

@@ -10,11 +10,12 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
+from palr_gym import errors
 from palr_gym.address import server_or_default
 from palr_gym.arguments import unsigned
 from palr_gym.connection import DEFAULT_DEADLINE_S, Connection
 from palr_gym.env import refuse_render_mode
-from palr_gym.errors import UNANSWERED, InvalidArgument, ResetNeeded
+from palr_gym.errors import InvalidArgument, ResetNeeded
 from palr_gym.session import OutOfBounds, Session, StepResult
 from palr_gym.specs import EnvironmentSpec
 
@@ -163,8 +164,8 @@ class RemoteVectorEnv(VectorEnv[NDArray[np.float64], NDArray[np.float32], NDArra
         self._refuse_unless_playing("step")
         try:
             return self._returned(self._session.step(actions))
-        except UNANSWERED:
-            self._is_playing = False
+        except BaseException as error:
+            self._is_playing = errors.is_refusal(error)
             raise
 
     def step_async(self, actions: ArrayLike) -> None:
@@ -193,8 +194,8 @@ class RemoteVectorEnv(VectorEnv[NDArray[np.float64], NDArray[np.float32], NDArra
         self._is_step_pending = False
         try:
             return self._returned(self._session.step_wait())
-        except UNANSWERED:
-            self._is_playing = False
+        except BaseException as error:
+            self._is_playing = errors.is_refusal(error)
             raise
 
     def close_extras(self, **kwargs: Any) -> None:

@@ -2,12 +2,12 @@
 //!
 //! | data set | type | shape |
 //! |---|---|---|
-//! | `observations`, `next_observations` | float32 | [N, observation size] |
-//! | `actions` | float32 | [N, action size] |
-//! | `rewards` | float32 | [N] |
-//! | `terminals`, `timeouts` | bool | [N] |
-//! | `infos/qpos`, `infos/qvel` | float64 | [N, nq], [N, nv] |
-//! | `infos/action_log_probs` | float32 | [N], if known |
+//! | `observations`, `next_observations` | float32 | `[N, observation size]` |
+//! | `actions` | float32 | `[N, action size]` |
+//! | `rewards` | float32 | `[N]` |
+//! | `terminals`, `timeouts` | bool | `[N]` |
+//! | `infos/qpos`, `infos/qvel` | float64 | `[N, nq]`, `[N, nv]` |
+//! | `infos/action_log_probs` | float32 | `[N]`, if known |
 //! | `metadata/*` | string, int64 | scalar |
 //!
 //! An episode ends at `terminals | timeouts`; of the two, at most one is set on a row.

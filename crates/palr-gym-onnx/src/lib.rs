@@ -4,7 +4,7 @@
 //! - [`runtime`]: finds and loads ONNX Runtime, once, when the first model needs it.
 //! - [`inspect`]: what is checked in a model's bytes before ONNX Runtime sees them.
 //! - [`policy`]: the policy contract: observation in, action (and mean, log_std) out.
-//! - [`watchdog`]: ends an inference that takes too long.
+//! - `watchdog`: ends an inference that takes too long.
 //!
 //! Not here: where observations come from, and what becomes of actions.
 

@@ -3,7 +3,7 @@
 //! # Layout
 //! - [`tasks`]: the registry, and one file a task (dynamics, reward, termination, reset).
 //! - [`physics`]: MuJoCo's model and data, and nothing of any task.
-//! - [`env`]: one environment: task + mask + frame stack + time limit + generator.
+//! - [`mod@env`]: one environment: task + mask + frame stack + time limit + generator.
 //! - [`vector`]: N of them, stepped together by the simulation threads.
 //! - [`mujoco_log`]: where MuJoCo's own messages go.
 //!

@@ -10,6 +10,7 @@ mod command;
 mod output;
 mod progress;
 
+use std::io::IsTerminal;
 use std::process::ExitCode;
 
 use clap::Parser;
@@ -70,11 +71,17 @@ async fn run(cli: Cli) -> anyhow::Result<()> {
 
 /// Logs go to stderr; stdout is for results.
 fn start_logging(cli: &Cli) {
-    let default =
-        if matches!(cli.command, Command::Serve(_)) { "info" } else { "warn,mujoco=error" };
+    let default = if matches!(cli.command, Command::Serve(_)) {
+        "info,mujoco=warn"
+    } else {
+        "warn,mujoco=error"
+    };
     let filter =
         EnvFilter::try_from_env("PALR_GYM_LOG").unwrap_or_else(|_| EnvFilter::new(default));
-    let subscriber = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr);
+    let subscriber = tracing_subscriber::fmt()
+        .with_env_filter(filter)
+        .with_writer(std::io::stderr)
+        .with_ansi(std::io::stderr().is_terminal());
     match cli.log_format {
         LogFormat::Text => subscriber.init(),
         LogFormat::Json => subscriber.json().init(),

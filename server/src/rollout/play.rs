@@ -126,10 +126,10 @@ pub(super) fn play<O: Observer>(
 }
 
 fn start_episodes<O: Observer>(plan: &Plan, slots: &mut [Slot], observer: &mut O) {
-    let mut playing = slots.iter().filter(|slot| slot.is_playing()).count();
-    for slot in slots.iter_mut().filter(|slot| !slot.is_playing()) {
+    let playing = slots.iter().filter(|slot| slot.is_playing()).count();
+    let free = slots.iter_mut().filter(|slot| !slot.is_playing());
+    for (playing, slot) in (playing..).zip(free) {
         let Some(index) = observer.next_episode(playing) else { return };
-        playing += 1;
         let seed = plan.seed_of(index);
         slot.episode = Some(index);
         slot.generator = Generator::from_seed_and_stream(seed, STREAM_OF_ACTIONS);

@@ -100,7 +100,7 @@ impl EnvironmentService for Services {
         let request = request.into_inner();
         let session = self.sessions.get(&request.session_id)?;
         match keep(queue_step(&session, &request)).await? {
-            WireAnswer::Step(answer) => Ok(Response::new(answer)),
+            WireAnswer::Step(answer) => Ok(Response::new(*answer)),
             WireAnswer::Reset(_) => Err(mismatch().into()),
         }
     }
@@ -196,7 +196,7 @@ fn mismatch() -> ServerError {
 fn stream_response(answer: Result<WireAnswer, ServerError>) -> v1::StepStreamResponse {
     let response = match answer {
         Ok(WireAnswer::Reset(reset)) => StreamResponse::Reset(reset),
-        Ok(WireAnswer::Step(step)) => StreamResponse::Step(step),
+        Ok(WireAnswer::Step(step)) => StreamResponse::Step(*step),
         Err(error) => StreamResponse::Error(in_band(&error.into())),
     };
     v1::StepStreamResponse { response: Some(response) }

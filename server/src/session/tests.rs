@@ -65,7 +65,9 @@ fn a_flood_of_requests_is_refused_beyond_the_queue() {
     let session = session(false, 4);
     // The only simulation thread is kept busy until the queue has been overfilled.
     let (release, blocked) = std::sync::mpsc::channel::<()>();
-    session.threads.spawn(move || drop(blocked.recv()));
+    session.threads.spawn(move || {
+        let _ = blocked.recv();
+    });
     let promises: Vec<_> = (0..4).map(|_| session.submit(reset()).unwrap()).collect();
     let error = session.submit(reset()).unwrap_err();
     assert!(matches!(error, ServerError::QueueFull { queued: 4, .. }), "{error}");

@@ -1,0 +1,143 @@
+//! The program as people and scripts meet it.
+#![allow(clippy::unwrap_used, reason = "a test may stop where it stands")]
+
+use std::path::Path;
+use std::process::{Command, Output, Stdio};
+
+fn palr_gym(folder: &Path, arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_palr-gym"))
+        .args(arguments)
+        .current_dir(folder)
+        .env_remove("PALR_GYM_SERVER")
+        .stdin(Stdio::null())
+        .output()
+        .unwrap()
+}
+
+/// Runs a command that must fail with `code` and returns what it says.
+#[track_caller]
+fn refusal(arguments: &[&str], code: i32) -> String {
+    let folder = tempfile::tempdir().unwrap();
+    let output = palr_gym(folder.path(), arguments);
+    let text = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(code), "{text}");
+    assert!(output.stdout.is_empty(), "results go to stdout, errors do not");
+    assert!(!text.contains("panicked"), "{text}");
+    let left = std::fs::read_dir(folder.path()).unwrap().count();
+    assert_eq!(left, 0, "a refused command left files behind");
+    text
+}
+
+#[test]
+fn version_tells_mujocos_too() {
+    let output = palr_gym(Path::new("."), &["--version"]);
+    let text = String::from_utf8(output.stdout).unwrap();
+    assert_eq!(text, format!("palr-gym {} (MuJoCo 3.17.0)\n", env!("CARGO_PKG_VERSION")));
+}
+
+#[test]
+fn every_command_teaches_its_use() {
+    for command in ["serve", "envs", "collect", "evaluate", "demo", "completions"] {
+        let output = palr_gym(Path::new("."), &[command, "--help"]);
+        let text = String::from_utf8(output.stdout).unwrap();
+        assert!(output.status.success());
+        assert!(text.contains(&format!("Usage: palr-gym {command}")), "{text}");
+        let teaches = text.contains(&format!("palr-gym {command} ")) || text.contains("--resume");
+        assert!(teaches, "{command} --help shows no example:\n{text}");
+    }
+    let output = palr_gym(Path::new("."), &["completions", "bash"]);
+    assert!(String::from_utf8(output.stdout).unwrap().contains("evaluate"));
+}
+
+#[test]
+fn wrong_command_lines_and_requests_exit_with_64_and_say_what_was_expected() {
+    for (arguments, text) in [
+        (&["serv"][..], "'serve'"),
+        (&["serve", "--threads", "0"], "0 is not in 1..=65535"),
+        (
+            &["evaluate", "--env", "hopper", "--server", "nowhere"],
+            "expected HOST:PORT or unix:PATH",
+        ),
+        (&["evaluate", "--env", "hoper"], "did you mean \"hopper\"?"),
+        (&["evaluate", "--env", "hopper-w0"], "frame stack of 0; expected 1 to 64"),
+        (&["evaluate", "--env", "ant"], "no expert ships for task \"ant\""),
+        (&["evaluate", "--env", "hopper", "--episodes", "0"], "episodes is 0; expected 1 to"),
+        (&["collect", "--env", "walker2d", "--out", "a.hdf5"], "no expert ships"),
+        (
+            &["collect", "--env", "hopper", "--transitions", "0", "--out", "a.hdf5"],
+            "transitions is 0",
+        ),
+        (&["envs", "hopper-v9"], "the only version is v0"),
+    ] {
+        let said = refusal(arguments, 64);
+        assert!(said.contains(text), "{arguments:?}: {said}");
+    }
+}
+
+#[test]
+fn what_the_machine_refuses_exits_with_1() {
+    let said = refusal(&["evaluate", "--env", "hopper", "--policy", "absent.onnx"], 1);
+    assert!(said.contains("absent.onnx") && said.contains("expected `random`, `expert`"), "{said}");
+    let said = refusal(&["evaluate", "--env", "hopper", "--server", "127.0.0.1:1"], 1);
+    assert!(said.contains("127.0.0.1:1") && said.contains("palr-gym serve"), "{said}");
+    let said = refusal(&["collect", "--env", "hopper", "--out", "absent/a.hdf5"], 1);
+    assert!(said.contains("absent/a.hdf5"), "{said}");
+    let said = refusal(&["demo", "--resume"], 1);
+    assert!(said.contains("no run to resume"), "{said}");
+}
+
+#[test]
+fn a_port_in_use_is_named_with_a_way_out() {
+    let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = taken.local_addr().unwrap().to_string();
+    let said = refusal(&["serve", "--listen", &address], 1);
+    assert!(said.contains(&address) && said.contains("port 0"), "{said}");
+}
+
+#[test]
+fn results_in_json_are_json_and_nothing_else() {
+    let folder = tempfile::tempdir().unwrap();
+    for arguments in [
+        &["envs", "--json"][..],
+        &["envs", "halfcheetah-strict-w3", "--json"],
+        &["evaluate", "--env", "hopper", "--policy", "random", "--episodes", "1", "--json"],
+        &["collect", "--env", "hopper", "--episodes", "1", "--out", "a.hdf5", "--json"],
+    ] {
+        let output = palr_gym(folder.path(), arguments);
+        let text = String::from_utf8(output.stdout).unwrap();
+        let value: serde_json::Value = serde_json::from_str(&text).unwrap();
+        assert!(value.is_object() || value.is_array(), "{arguments:?}");
+    }
+}
+
+#[test]
+fn runs_of_the_demo_never_mix_and_an_unfinished_one_resumes() {
+    let folder = tempfile::tempdir().unwrap();
+    let small = ["demo", "--transitions", "1500", "--episodes", "2", "--json"];
+    assert!(palr_gym(folder.path(), &small).status.success());
+    assert!(palr_gym(folder.path(), &small).status.success());
+    let run = |number: &str| folder.path().join("runs/demo").join(number);
+    let results = |number| -> serde_json::Value {
+        let text = std::fs::read_to_string(run(number).join("results.json")).unwrap();
+        serde_json::from_str(&text).unwrap()
+    };
+    for file in ["hopper-expert.hdf5", "returns.svg", "returns.png", "config.json"] {
+        assert!(run("001").join(file).exists() && run("002").join(file).exists(), "{file}");
+    }
+    // Equal seeds, equal data, byte for byte.
+    let data = |number| std::fs::read(run(number).join("hopper-expert.hdf5")).unwrap();
+    assert!(data("001") == data("002"));
+
+    // An interruption after the data and the first evaluation.
+    let before = results("002");
+    for file in ["results.json", "evaluation-random.json", "returns.svg", "returns.png"] {
+        std::fs::remove_file(run("002").join(file)).unwrap();
+    }
+    let resumed = palr_gym(folder.path(), &["demo", "--resume", "--json"]);
+    assert!(resumed.status.success());
+    assert!(!run("003").exists());
+    let after = results("002");
+    assert_eq!(after["evaluations"][0], before["evaluations"][0]);
+    assert_eq!(after["evaluations"][1]["episodes"], before["evaluations"][1]["episodes"]);
+    assert!(after["data"]["was_complete"].as_bool().unwrap());
+}
