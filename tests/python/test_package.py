@@ -134,13 +134,16 @@ def test_a_program_that_forgets_to_close_ends_quietly_and_frees_its_session(serv
                 session.reset()
 
 
-def test_a_forked_child_does_not_close_its_parents_session(server: str) -> None:
+def test_a_forked_child_steps_on_its_own_and_does_not_close_its_parents_session(
+    server: str,
+) -> None:
     program = (
         "import os, sys, numpy, palr_gym\n"
         "env = palr_gym.make('hopper', server=sys.argv[1])\n"
         "env.reset(seed=0)\n"
         "child = os.fork()\n"
         "if child == 0:\n"
+        "    assert env.step(numpy.zeros(3))[0].shape == (11,)\n"
         "    env._session.close()\n"
         "    os._exit(0)\n"
         "assert os.waitpid(child, 0)[1] == 0\n"

@@ -106,18 +106,14 @@ class MessageStream:
         self._lost_because: str | None = None
         self._last_used = time.monotonic()
         # Whoever holds it may use everything above, and the socket.
-        self._lock = threading.Lock()
-        try:
-            self._socket = _connect(address, self._last_used + timeout_s)
-        except OSError as error:
-            raise _as_ours(error) from error
+        self._lock = threading.RLock()
+        self._socket = _connect(address, self._last_used + timeout_s)
         # Python warns of sockets that are forgotten; streams may be.
         weakref.finalize(self, self._socket.close)
         try:
             self._socket.sendall(_opening(address.authority, path))
         except OSError as error:
-            self.close()
-            raise _as_ours(error) from error
+            self._fail(error)
         _carer.care_for(self)
 
     def send(self, message: bytes, deadline: float) -> None:
@@ -137,8 +133,7 @@ class MessageStream:
                 while data:
                     data = data[self._send_part(data, deadline) :]
             except BaseException as error:
-                self.close()
-                raise _as_ours(error) from error
+                self._fail(error)
 
     def receive(self, deadline: float) -> bytes:
         """Waits for a message.
@@ -155,8 +150,7 @@ class MessageStream:
                 while not self._messages:
                     self._wait_for_frames(deadline)
             except BaseException as error:
-                self.close()
-                raise _as_ours(error) from error
+                self._fail(error)
             self._last_used = time.monotonic()
             return self._messages.popleft()
 
@@ -180,8 +174,22 @@ class MessageStream:
         return self._socket.fileno() < 0
 
     def close(self) -> None:
-        """Ends the stream at once. May be repeated."""
-        self._socket.close()
+        """Ends the stream. May be repeated."""
+        with self._lock:
+            self._socket.close()
+
+    def abandon(self) -> None:
+        """In a forked child: leaves the stream to the parent."""
+        # A thread that only the parent has may be holding the lock.
+        self._lock = threading.RLock()
+        self.close()
+
+    def _fail(self, error: BaseException) -> NoReturn:
+        """Closes the stream and raises `error` in this module's terms."""
+        self.close()
+        if isinstance(error, OSError) and not isinstance(error, TimeoutError):
+            raise StreamLost(error.strerror or str(error)) from error
+        raise error
 
     def _look_if_idle(self) -> None:
         """After a pause, takes in what has arrived meanwhile. Does not wait."""
@@ -313,47 +321,35 @@ class MessageStream:
 
 
 def _connect(address: Address, deadline: float) -> socket.socket:
-    if address.unix_path is not None:
-        return _connect_to(socket.AF_UNIX, address.unix_path, deadline)
+    places: list[tuple[int, Any]]
     error: OSError | None = None
-    for family, *_, place in socket.getaddrinfo(
-        address.host, address.port, type=socket.SOCK_STREAM
-    ):
-        try:
-            connected = _connect_to(family, place, deadline)
-        except OSError as failure:
-            error = failure
-        else:
-            # A request must not wait for the answer to the one before.
-            connected.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            return connected
-    raise error or OSError(f"{address.host} has no address")
-
-
-def _connect_to(family: int, place: Any, deadline: float) -> socket.socket:
-    connected = socket.socket(family, socket.SOCK_STREAM)
     try:
-        connected.settimeout(_remaining(deadline))
-        connected.connect(place)
-    except BaseException:
-        connected.close()
+        if address.unix_path is None:
+            found = socket.getaddrinfo(address.host, address.port, type=socket.SOCK_STREAM)
+            places = [(family, place) for family, *_, place in found]
+        else:
+            places = [(socket.AF_UNIX, address.unix_path)]
+        for family, place in places:
+            connected = socket.socket(family, socket.SOCK_STREAM)
+            try:
+                connected.settimeout(_remaining(deadline))
+                connected.connect(place)
+                if address.unix_path is None:
+                    # A request must not wait for the answer to the one before.
+                    connected.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            except OSError as failure:
+                connected.close()
+                error = failure
+            else:
+                return connected
+    except TimeoutError:
         raise
-    return connected
-
-
 def _remaining(deadline: float) -> float:
     """Seconds until `deadline`; never 0, which would mean not to wait and not to fail."""
     remaining = deadline - time.monotonic()
     if remaining <= 0:
         raise TimeoutError
     return remaining
-
-
-def _as_ours(error: BaseException) -> BaseException:
-    """`error` in this module's terms: TimeoutError and those of others stay what they are."""
-    if isinstance(error, OSError) and not isinstance(error, TimeoutError):
-        return StreamLost(error.strerror or str(error))
-    return error
 
 
 def _message_bytes(data: Sequence[int]) -> int:
@@ -414,19 +410,19 @@ class _Carer:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._streams: weakref.WeakSet[MessageStream] = weakref.WeakSet()
+        self.streams: weakref.WeakSet[MessageStream] = weakref.WeakSet()
         self._is_running = False
 
     def care_for(self, stream: MessageStream) -> None:
         with self._lock:
-            self._streams.add(stream)
+            self.streams.add(stream)
             if not self._is_running:
                 self._is_running = True
                 threading.Thread(target=self._run, name="palr_gym-carer", daemon=True).start()
 
     def open_streams(self) -> list[MessageStream]:
         with self._lock:
-            return [stream for stream in self._streams if not stream.is_closed]
+            return [stream for stream in self.streams if not stream.is_closed]
 
     def _run(self) -> None:
         while True:
@@ -434,7 +430,7 @@ class _Carer:
             for stream in self.open_streams():
                 stream.care()
             with self._lock:
-                if all(stream.is_closed for stream in self._streams):
+                if all(stream.is_closed for stream in self.streams):
                     self._is_running = False
                     return
 
@@ -446,9 +442,8 @@ def _leave_streams_to_the_parent() -> None:
     """In a forked child: two processes cannot share a stream; the child will open its own."""
     global _carer
     forgotten, _carer = _carer, _Carer()
-    # Its lock may be held by a thread that only the parent has.
-    for stream in list(forgotten._streams):
-        stream.close()
+    for stream in list(forgotten.streams):
+        stream.abandon()
 
 
 if hasattr(os, "register_at_fork"):

@@ -271,6 +271,18 @@ mod tests {
     }
 
     #[test]
+    fn an_inference_that_takes_too_long_is_ended_and_the_next_one_is_not() {
+        let limits =
+            PolicyLimits { max_inference: Duration::from_millis(60), ..PolicyLimits::default() };
+        let mut policy = Policy::load(HOPPER, 11, 3, limits).unwrap();
+        // About 10¹¹ multiplications.
+        let batch = 1 << 20;
+        let error = policy.act(&vec![0.1; batch * 11], batch).unwrap_err();
+        assert!(matches!(error, OnnxError::TooSlow { .. }), "{error}");
+        policy.act(&[0.1; 11], 1).unwrap();
+    }
+
+    #[test]
     fn nan_that_an_observation_causes_is_an_error_not_an_action() {
         let mut policy = Policy::load(HOPPER, 11, 3, PolicyLimits::default()).unwrap();
         let mut observations = vec![0.0; 22];
