@@ -2,10 +2,11 @@
 
 use std::path::PathBuf;
 
-const FILES: [&str; 4] = [
+const FILES: [&str; 5] = [
     "palr_gym/v1/environment_service.proto",
     "palr_gym/v1/evaluation_service.proto",
     "palr_gym/v1/collection_service.proto",
+    "palr_gym/v1/leakage_service.proto",
     "palr_gym/v1/server_service.proto",
 ];
 

@@ -45,6 +45,8 @@ pub struct Limits {
     pub max_episodes: u32,
     /// Transitions in one collection.
     pub max_transitions: u64,
+    /// Samples in one estimate of leakage; its work grows with their cube.
+    pub max_leakage_samples: usize,
     /// Bytes in a request without a policy.
     pub max_message_bytes: usize,
     /// Size and speed of policies.
@@ -64,6 +66,7 @@ impl Default for Limits {
             max_rollouts: 8,
             max_episodes: 1_000_000,
             max_transitions: 1_000_000_000,
+            max_leakage_samples: 4096,
             max_message_bytes: 4 << 20,
             policy: PolicyLimits::default(),
             session_idle: Duration::from_secs(600),

@@ -1,6 +1,7 @@
 //! Domain values to messages and back.
 
 use bytes::Bytes;
+use faer::Mat;
 use palr_gym_core::{ActionMode, AutoresetMode, BoxSpace, EnvSpec, Mask, OutOfBounds};
 use palr_gym_proto::v1;
 use palr_gym_sim::{StepFrame, Task};
@@ -34,6 +35,48 @@ fn tensor(dtype: v1::DataType, bytes: &[u8], shape: &[usize]) -> v1::Tensor {
         shape: shape.iter().map(|&size| size as i64).collect(),
         data: Bytes::copy_from_slice(bytes),
     }
+}
+
+/// A float32 or float64 tensor `[rows, columns]` with at most `max_rows` rows.
+pub(crate) fn matrix(
+    tensor: Option<&v1::Tensor>,
+    field: &'static str,
+    max_rows: usize,
+) -> Result<Mat<f64>, ServerError> {
+    let tensor = tensor
+        .ok_or(ServerError::Missing { field, want: "a float32 or float64 tensor [n, columns]" })?;
+    let wrong = |want: String| {
+        let shape: Vec<i64> = tensor.shape.iter().copied().take(8).collect();
+        let (dtype, bytes) = (tensor.dtype().as_str_name(), tensor.data.len());
+        ServerError::Array { field, got: format!("{dtype} {shape:?} in {bytes} bytes"), want }
+    };
+    let size_of_element = match tensor.dtype() {
+        v1::DataType::Float32 => size_of::<f32>(),
+        v1::DataType::Float64 => size_of::<f64>(),
+        v1::DataType::Unspecified | v1::DataType::Bool => {
+            return Err(wrong("float32 or float64".into()));
+        }
+    };
+    let sizes: Option<Vec<usize>> =
+        tensor.shape.iter().map(|&size| usize::try_from(size).ok()).collect();
+    let Some(&[rows, columns]) = sizes.as_deref() else {
+        return Err(wrong("two dimensions, [n, columns]".into()));
+    };
+    if rows > max_rows {
+        return Err(wrong(format!("at most {max_rows} rows")));
+    }
+    if rows.checked_mul(columns).and_then(|count| count.checked_mul(size_of_element))
+        != Some(tensor.data.len())
+    {
+        return Err(wrong("as many bytes as shape and dtype say".into()));
+    }
+    let values: Vec<f64> = if size_of_element == size_of::<f32>() {
+        let values: Vec<f32> = bytemuck::allocation::pod_collect_to_vec(&tensor.data);
+        values.into_iter().map(f64::from).collect()
+    } else {
+        bytemuck::allocation::pod_collect_to_vec(&tensor.data)
+    };
+    Ok(Mat::from_fn(rows, columns, |i, j| values[i * columns + j]))
 }
 
 /// The actions of a step: float32 `[num_envs, action_size]`.

@@ -1,6 +1,7 @@
 //! What can go wrong in the service, with the values that caused it.
 
 use palr_gym_core::EnvIdError;
+use palr_gym_leakage::LeakageError;
 use palr_gym_onnx::OnnxError;
 use palr_gym_sim::SimError;
 
@@ -24,6 +25,19 @@ pub enum ServerError {
         step: u32,
         /// What went wrong.
         source: OnnxError,
+    },
+    /// From the estimate of leakage.
+    #[error(transparent)]
+    Leakage(#[from] LeakageError),
+    /// An array of the wrong type or shape.
+    #[error("{field} is {got}; expected {want}")]
+    Array {
+        /// Path of the field.
+        field: &'static str,
+        /// What it is.
+        got: String,
+        /// What it should be.
+        want: String,
     },
     /// No session has this id.
     #[error(

@@ -4,6 +4,7 @@
 //! - [`config`]: limits, and nothing read from files or flags.
 //! - [`session`], [`sessions`]: one session as an actor on the simulation threads; all of them.
 //! - [`rollout`]: whole episodes played by the server itself, for evaluation and collection.
+//! - [`leakage`]: HSCIC of uploaded arrays, or of what a policy does on them.
 //! - [`experts`]: the policies that ship with the server.
 //! - [`error`], [`status`]: domain errors; the one map from them to gRPC statuses.
 //! - [`convert`]: domain values to messages and back.
@@ -14,6 +15,7 @@ pub mod config;
 pub mod convert;
 pub mod error;
 pub mod experts;
+pub mod leakage;
 pub mod rollout;
 pub mod services;
 pub mod session;

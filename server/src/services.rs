@@ -3,6 +3,7 @@
 mod collection;
 mod environment;
 mod evaluation;
+mod leakage;
 mod rollouts;
 mod server_info;
 

@@ -8,6 +8,7 @@ use std::collections::HashMap;
 use std::time::Duration;
 
 use palr_gym_core::EnvIdError;
+use palr_gym_leakage::LeakageError;
 use palr_gym_onnx::OnnxError;
 use palr_gym_proto::google::rpc;
 use palr_gym_sim::SimError;
@@ -78,12 +79,26 @@ fn place_policy(error: &OnnxError) -> Place {
     }
 }
 
+fn place_leakage(error: &LeakageError) -> Place {
+    match error {
+        LeakageError::Length { .. } => invalid("SAMPLE_COUNT", "past_actions"),
+        LeakageError::TooFew { .. } => invalid("SAMPLE_COUNT", "representation"),
+        LeakageError::NoColumns { .. } => invalid("ARRAY_SHAPE", "representation"),
+        LeakageError::NotFinite { .. } => invalid("ARRAY_NOT_FINITE", "representation"),
+        LeakageError::NotPositive { .. } => invalid("OUT_OF_RANGE", "ridge"),
+        LeakageError::Singular { .. } => invalid("SINGULAR", "ridge"),
+        LeakageError::Blocks { .. } => invalid("EPISODE_LENGTHS", "episode_lengths"),
+    }
+}
+
 fn place_server(error: &ServerError) -> Place {
     match error {
         ServerError::Sim(error) => place_sim(error),
         ServerError::Policy(error) | ServerError::PolicyInEpisode { source: error, .. } => {
             place_policy(error)
         }
+        ServerError::Leakage(error) => place_leakage(error),
+        ServerError::Array { field, .. } => invalid("ARRAY_SHAPE", field),
         ServerError::SessionNotFound { .. } => {
             Place { code: Code::NotFound, reason: "SESSION_NOT_FOUND", field: Some("session_id") }
         }

@@ -9,6 +9,7 @@ use palr_gym_proto::FILE_DESCRIPTOR_SET;
 use palr_gym_proto::v1::collection_service_server::CollectionServiceServer;
 use palr_gym_proto::v1::environment_service_server::EnvironmentServiceServer;
 use palr_gym_proto::v1::evaluation_service_server::EvaluationServiceServer;
+use palr_gym_proto::v1::leakage_service_server::LeakageServiceServer;
 use palr_gym_proto::v1::server_service_server::ServerServiceServer;
 use palr_gym_sim::SimulationThreads;
 use tokio::net::{TcpListener, UnixListener};
@@ -36,6 +37,8 @@ const KEEPALIVE_PERIOD: Duration = Duration::from_secs(30);
 /// HTTP/2 flow-control windows: a step of 4096 environments should not wait for credit.
 const STREAM_WINDOW_BYTES: u32 = 4 << 20;
 const CONNECTION_WINDOW_BYTES: u32 = 16 << 20;
+/// Room for as many samples as an estimate of leakage may have.
+const ARRAYS_BYTES: usize = 64 << 20;
 /// A policy's message is a little larger than the policy.
 const POLICY_MESSAGE_SLACK_BYTES: usize = 64 << 10;
 
@@ -223,6 +226,10 @@ impl Server {
             .add_service(
                 CollectionServiceServer::new(services()).max_decoding_message_size(policy_bytes),
             )
+            .add_service(
+                LeakageServiceServer::new(services())
+                    .max_decoding_message_size(policy_bytes + ARRAYS_BYTES),
+            )
             .add_service(ServerServiceServer::new(services())))
     }
 }
@@ -234,6 +241,7 @@ async fn report(health: &HealthReporter, status: ServingStatus) {
         EnvironmentServiceServer::<Services>::NAME,
         EvaluationServiceServer::<Services>::NAME,
         CollectionServiceServer::<Services>::NAME,
+        LeakageServiceServer::<Services>::NAME,
         ServerServiceServer::<Services>::NAME,
     ];
     for service in services {

@@ -11,10 +11,18 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("palr-gym-core", &[]),
     ("palr-gym-onnx", &[]),
     ("palr-gym-data", &["palr-gym-core"]),
+    ("palr-gym-leakage", &["palr-gym-core"]),
     ("palr-gym-sim", &["palr-gym-core"]),
     (
         "palr-gym-server",
-        &["palr-gym-core", "palr-gym-data", "palr-gym-onnx", "palr-gym-proto", "palr-gym-sim"],
+        &[
+            "palr-gym-core",
+            "palr-gym-data",
+            "palr-gym-leakage",
+            "palr-gym-onnx",
+            "palr-gym-proto",
+            "palr-gym-sim",
+        ],
     ),
     ("palr-gym-trainer", &["palr-gym-core", "palr-gym-data", "palr-gym-proto"]),
     (

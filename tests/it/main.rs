@@ -7,6 +7,7 @@
 mod architecture;
 mod drain;
 mod errors;
+mod leakage;
 mod rollouts;
 mod stream;
 mod support;

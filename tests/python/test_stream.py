@@ -14,6 +14,7 @@ import pytest
 
 from palr_gym import Client, Session, errors, make, make_vec, stream
 from palr_gym.address import parse_address
+from palr_gym.exchange import Exchange
 from palr_gym.stream import MessageStream, StreamLost
 from support.reference import assert_same_bits, random_actions
 
@@ -368,8 +369,9 @@ def test_a_connection_that_is_cut_under_a_step_is_an_error_and_a_reset_goes_on(
         envs.step(np.zeros((2000, 8)))
 
 
+@pytest.mark.parametrize("interrupted", [MessageStream, Exchange])
 def test_an_interrupted_step_leaves_no_answer_behind(
-    server: str, monkeypatch: pytest.MonkeyPatch
+    interrupted: type, server: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with make_vec("hopper", 2, server=server) as envs:
         first, _ = envs.reset(seed=0)
@@ -378,7 +380,7 @@ def test_an_interrupted_step_leaves_no_answer_behind(
             raise KeyboardInterrupt
 
         with monkeypatch.context() as patch:
-            patch.setattr(MessageStream, "receive", interrupt)
+            patch.setattr(interrupted, "receive", interrupt)
             with pytest.raises(KeyboardInterrupt):
                 envs.step(np.zeros((2, 3)))
         with pytest.raises(errors.ResetNeeded, match="no answer"):

@@ -131,6 +131,12 @@ def test_actions_of_the_wrong_shape_are_refused(shape: tuple[int, ...], server: 
     check(server, wrong, errors.InvalidArgument, "ACTION_SHAPE", found, "[2, 3]")
 
 
+def test_actions_beyond_the_limit_of_a_message_are_refused(server: str) -> None:
+    with Client(server) as client:
+        limit = client.server_info().limits.max_message_bytes
+    check(server, step_with(np.zeros((limit, 3))), errors.InvalidArgument, "", str(limit))
+
+
 def test_an_action_with_nan_is_refused_whatever_the_session_allows(server: str) -> None:
     actions = np.zeros((2, 3))
     actions[1, 2] = np.nan

@@ -160,8 +160,7 @@ class Connection:
         """A stream of serialised messages there and back, for whoever counts microseconds.
 
         Raises:
-            StreamLost: The server cannot be reached.
-            TimeoutError: It could not be reached in time.
+            OSError: The server cannot be reached; TimeoutError if not in time.
         """
         return MessageStream(self._address, method.path, self.deadline_s)
 

@@ -90,7 +90,11 @@ class RemoteEnv(gymnasium.Env[NDArray[np.float64], NDArray[np.float32]]):
         """
         self._refuse_if_closed("reset")
         seed = None if seed is None else unsigned("seed", seed, 64)
-        observations = self._session.reset(seeds=() if seed is None else (seed,))
+        try:
+            observations = self._session.reset(seeds=() if seed is None else (seed,))
+        except BaseException as error:
+            self._note_failure(error)
+            raise
         self._is_playing = True
         super().reset(seed=seed)
         return observations[0], {}
@@ -119,7 +123,7 @@ class RemoteEnv(gymnasium.Env[NDArray[np.float64], NDArray[np.float32]]):
         try:
             result = self._session.step(cast("ArrayLike", [action]))
         except BaseException as error:
-            self._is_playing = errors.is_refusal(error)
+            self._note_failure(error)
             raise
         terminated = bool(result.terminated[0])
         truncated = bool(result.truncated[0])
@@ -136,6 +140,12 @@ class RemoteEnv(gymnasium.Env[NDArray[np.float64], NDArray[np.float32]]):
         self._session.close()
         self._connection.close()
         super().close()
+
+    def _note_failure(self, error: BaseException) -> None:
+        """Unless the server refused a call, nobody knows where the episode is now."""
+        if not errors.is_refusal(error):
+            self._is_playing = False
+            self._session.abandon_steps()
 
     def _refuse_if_closed(self, what: str) -> None:
         if self._is_closed:

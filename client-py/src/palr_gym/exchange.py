@@ -8,7 +8,7 @@ from google.protobuf.message import DecodeError
 from palr_gym import errors
 from palr_gym._proto.palr_gym.v1.environment_service_pb2 import StepStreamResponse
 from palr_gym.connection import STEP_STREAM, Connection
-from palr_gym.stream import MessageStream, StreamLost
+from palr_gym.stream import MessageStream
 
 
 class Exchange:
@@ -58,7 +58,7 @@ class Exchange:
                 stream = connection.message_stream(STEP_STREAM)
                 self._stream = stream
             stream.send(request, deadline)
-        except (StreamLost, TimeoutError) as error:
+        except OSError as error:
             raise self._failure(error, what) from None
         self._deadlines.append(deadline)
 
@@ -74,15 +74,12 @@ class Exchange:
         if self._stream is None or not self._deadlines:
             raise errors.FailedPrecondition(f"{self._asked(what)}: no request is under way")
         try:
-            message = self._stream.receive(self._deadlines.popleft())
+            message = self._stream.receive(self._deadlines[0])
             answer = StepStreamResponse.FromString(message)
-        except (StreamLost, TimeoutError, DecodeError) as error:
+        except (OSError, DecodeError) as error:
             raise self._failure(error, what) from None
-        except BaseException:
-            # Such as KeyboardInterrupt: the answer is still to come, and must not be taken for
-            # that of another request.
-            self.close()
-            raise
+        # Only now: until an answer has been taken, its request is under way.
+        self._deadlines.popleft()
         if answer.HasField("error"):
             server = self._connection.server
             raise errors.from_status(answer.error, asked=self._asked(what), server=server)
@@ -98,15 +95,14 @@ class Exchange:
     def _asked(self, what: str) -> str:
         return f"{what} {self._subject}"
 
-    def _failure(
-        self, error: StreamLost | TimeoutError | DecodeError, what: str
-    ) -> errors.PalrGymError:
+    def _failure(self, error: OSError | DecodeError, what: str) -> errors.PalrGymError:
         self.close()
         asked, server = self._asked(what), self._connection.server
         match error:
             case TimeoutError():
                 return errors.too_late(self._connection.deadline_s, asked=asked, server=server)
-            case StreamLost():
-                return errors.unreachable(str(error), asked=asked, server=server)
+            case OSError():
+                text = error.strerror or str(error)
+                return errors.unreachable(text, asked=asked, server=server)
             case DecodeError():
                 return errors.ServerError(f"{asked} on {server}: the answer is no message")

@@ -19,8 +19,8 @@ from palr_gym._proto.palr_gym.v1.environment_service_pb2 import (
     StepStreamRequest,
 )
 from palr_gym.arguments import unsigned
-from palr_gym.connection import CLOSE_SESSION, OPEN_SESSION, Connection
-from palr_gym.errors import FailedPrecondition, InvalidArgument, PalrGymError
+from palr_gym.connection import CLOSE_SESSION, OPEN_SESSION, STEP, Connection
+from palr_gym.errors import FailedPrecondition, InvalidArgument, PalrGymError, ServerError
 from palr_gym.exchange import Exchange
 from palr_gym.specs import EnvironmentSpec, environment_spec
 from palr_gym.tensors import BOOL, FLOAT32, FLOAT64, columns, elements, float32_tensor, to_array
@@ -175,6 +175,11 @@ class Session:
         """Waits for the oldest step that was sent; otherwise like `step`."""
         return self._step_result(self._exchange.receive("stepping").step)
 
+    def abandon_steps(self) -> None:
+        """Gives up the answers to steps that are under way; the server still takes the steps."""
+        if self._exchange.under_way:
+            self._exchange.close()
+
     def close(self) -> None:
         """Closes the session on the server, if the server is still there. May be repeated."""
         self._close()
@@ -211,9 +216,17 @@ class Session:
             ) from None
         if array.shape == self._actions_shape:
             return self._step_head + array.tobytes()
-        # The server says what is wrong with the shape.
-        step = StepRequest(session_id=self.session_id, actions=float32_tensor(array))
-        return StepStreamRequest(step=step).SerializeToString()
+        # The server says what is wrong. By another way: a stream would end over a request that is
+        # too large.
+        self._connection.unary(
+            STEP,
+            StepRequest(session_id=self.session_id, actions=float32_tensor(array)),
+            asked=f"stepping {self._subject}",
+        )
+        raise ServerError(
+            f"stepping {self._subject}: the server took actions of shape {list(array.shape)}; "
+            f"expected {list(self._actions_shape)}"
+        )
 
     def _step_result(self, message: StepResponse) -> StepResult:
         num_envs = (self.num_envs,)

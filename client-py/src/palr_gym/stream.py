@@ -70,8 +70,8 @@ _CARE_PERIOD_S = 0.5
 _CARE_TIMEOUT_S = 1.0
 
 
-class StreamLost(Exception):
-    """The stream is of no use any more. What became of messages under way is unknown."""
+class StreamLost(ConnectionError):
+    """The server ended the stream. What became of messages under way is unknown."""
 
 
 class MessageStream:
@@ -86,8 +86,7 @@ class MessageStream:
         """Connects.
 
         Raises:
-            StreamLost: Nobody listens there.
-            TimeoutError: Connecting took too long.
+            OSError: As the socket has it; TimeoutError if it took too long.
         """
         # What the server allows us to send; credit can be negative after a change of settings.
         self._frame_bytes: int = _DEFAULT_FRAME_BYTES
@@ -110,10 +109,7 @@ class MessageStream:
         self._socket = _connect(address, self._last_used + timeout_s)
         # Python warns of sockets that are forgotten; streams may be.
         weakref.finalize(self, self._socket.close)
-        try:
-            self._socket.sendall(_opening(address.authority, path))
-        except OSError as error:
-            self._fail(error)
+        self._socket.sendall(_opening(address.authority, path))
         _carer.care_for(self)
 
     def send(self, message: bytes, deadline: float) -> None:
@@ -124,16 +120,17 @@ class MessageStream:
             deadline: When to give up, in `time.monotonic`'s seconds.
 
         Raises:
-            StreamLost: The stream has ended.
-            TimeoutError: The deadline has passed.
+            OSError: StreamLost if the stream has ended, TimeoutError if the deadline has passed,
+                others as the socket has them.
         """
         data = b"\0" + len(message).to_bytes(4, "big") + message
         with self._lock:
             try:
                 while data:
                     data = data[self._send_part(data, deadline) :]
-            except BaseException as error:
-                self._fail(error)
+            except BaseException:
+                self.close()
+                raise
 
     def receive(self, deadline: float) -> bytes:
         """Waits for a message.
@@ -142,15 +139,16 @@ class MessageStream:
             deadline: When to give up, in `time.monotonic`'s seconds.
 
         Raises:
-            StreamLost: The stream has ended.
-            TimeoutError: The deadline has passed.
+            OSError: StreamLost if the stream has ended, TimeoutError if the deadline has passed,
+                others as the socket has them.
         """
         with self._lock:
             try:
                 while not self._messages:
                     self._wait_for_frames(deadline)
-            except BaseException as error:
-                self._fail(error)
+            except BaseException:
+                self.close()
+                raise
             self._last_used = time.monotonic()
             return self._messages.popleft()
 
@@ -184,13 +182,6 @@ class MessageStream:
         self._lock = threading.RLock()
         self.close()
 
-    def _fail(self, error: BaseException) -> NoReturn:
-        """Closes the stream and raises `error` in this module's terms."""
-        self.close()
-        if isinstance(error, OSError) and not isinstance(error, TimeoutError):
-            raise StreamLost(error.strerror or str(error)) from error
-        raise error
-
     def _look_if_idle(self) -> None:
         """After a pause, takes in what has arrived meanwhile. Does not wait."""
         if self.is_closed or time.monotonic() - self._last_used < IDLE_S:
@@ -204,7 +195,7 @@ class MessageStream:
                     return
                 self._socket.settimeout(_CARE_TIMEOUT_S)
                 self._take_frames()
-        except (StreamLost, OSError) as error:
+        except OSError as error:
             self._end_because(str(error))
         # Hanging up is all the server still waits for.
         self.close()
@@ -226,7 +217,7 @@ class MessageStream:
         """Takes in what arrives next."""
         if self._lost_because is not None:
             raise StreamLost(self._lost_because)
-        self._socket.settimeout(_remaining(deadline))
+        self._socket.settimeout(None)
         self._read()
         self._take_frames()
 
@@ -321,29 +312,34 @@ class MessageStream:
 
 
 def _connect(address: Address, deadline: float) -> socket.socket:
-    places: list[tuple[int, Any]]
-    error: OSError | None = None
-    try:
-        if address.unix_path is None:
-            found = socket.getaddrinfo(address.host, address.port, type=socket.SOCK_STREAM)
-            places = [(family, place) for family, *_, place in found]
+    if address.unix_path is not None:
+        return _connect_to(socket.AF_UNIX, address.unix_path, deadline)
+    refusal = OSError(f"{address.host} has no address")
+    for family, *_, place in socket.getaddrinfo(
+        address.host, address.port, type=socket.SOCK_STREAM
+    ):
+        try:
+            connected = _connect_to(family, place, deadline)
+        except OSError as error:
+            refusal = error
         else:
-            places = [(socket.AF_UNIX, address.unix_path)]
-        for family, place in places:
-            connected = socket.socket(family, socket.SOCK_STREAM)
-            try:
-                connected.settimeout(_remaining(deadline))
-                connected.connect(place)
-                if address.unix_path is None:
-                    # A request must not wait for the answer to the one before.
-                    connected.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            except OSError as failure:
-                connected.close()
-                error = failure
-            else:
-                return connected
-    except TimeoutError:
+            # A request must not wait for the answer to the one before.
+            connected.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            return connected
+    raise refusal
+
+
+def _connect_to(family: int, place: Any, deadline: float) -> socket.socket:
+    connected = socket.socket(family, socket.SOCK_STREAM)
+    try:
+        connected.settimeout(_remaining(deadline))
+        connected.connect(place)
+    except BaseException:
+        connected.close()
         raise
+    return connected
+
+
 def _remaining(deadline: float) -> float:
     """Seconds until `deadline`; never 0, which would mean not to wait and not to fail."""
     remaining = deadline - time.monotonic()

@@ -128,17 +128,11 @@ class RemoteVectorEnv(VectorEnv[NDArray[np.float64], NDArray[np.float32], NDArra
         """
         self._refuse_if_busy("reset")
         mask = self._reset_mask(options)
-        every_index = np.arange(self.num_envs)
-        chosen = every_index if mask is None else every_index[mask]
-        if seed is None or isinstance(seed, SupportsIndex):
-            seed = None if seed is None else unsigned("seed", seed, 64)
-            seeds = () if seed is None else (seed,)
-            observations = self._session.reset(
-                seeds=seeds, env_indices=() if mask is None else chosen
-            )
-            super().reset(seed=seed)
-        else:
-            observations = self._reset_with_list(seed, chosen)
+        try:
+            observations = self._reset(seed, mask)
+        except BaseException as error:
+            self._note_failure(error)
+            raise
         if mask is None:
             self._is_playing = True
             self._resets_next = None
@@ -165,7 +159,7 @@ class RemoteVectorEnv(VectorEnv[NDArray[np.float64], NDArray[np.float32], NDArra
         try:
             return self._returned(self._session.step(actions))
         except BaseException as error:
-            self._is_playing = errors.is_refusal(error)
+            self._note_failure(error)
             raise
 
     def step_async(self, actions: ArrayLike) -> None:
@@ -195,7 +189,7 @@ class RemoteVectorEnv(VectorEnv[NDArray[np.float64], NDArray[np.float32], NDArra
         try:
             return self._returned(self._session.step_wait())
         except BaseException as error:
-            self._is_playing = errors.is_refusal(error)
+            self._note_failure(error)
             raise
 
     def close_extras(self, **kwargs: Any) -> None:
@@ -255,23 +249,33 @@ class RemoteVectorEnv(VectorEnv[NDArray[np.float64], NDArray[np.float32], NDArra
         infos.update(zip(self._mask_names, masks, strict=True))
         return infos
 
-    def _reset_with_list(
-        self, seeds: Sequence[int | None], chosen: NDArray[np.integer[Any]]
+    def _reset(
+        self, seed: int | Sequence[int | None] | None, mask: NDArray[np.bool_] | None
     ) -> NDArray[np.float64]:
-        if len(seeds) != self.num_envs:
+        """Resets the environments in `mask` (None: all); returns all current observations."""
+        chosen = [] if mask is None else np.flatnonzero(mask).tolist()
+        if seed is None or isinstance(seed, SupportsIndex):
+            seeds = [] if seed is None else [unsigned("seed", seed, 64)]
+            observations = self._session.reset(seeds=seeds, env_indices=chosen)
+            super().reset(seed=seeds[0] if seeds else None)
+            return observations
+        if len(seed) != self.num_envs:
             raise InvalidArgument(
                 f"resetting {self.num_envs} environment(s) of {self.remote_spec.env_id}: "
-                f"{len(seeds)} seeds; expected one, or as many as environments",
+                f"{len(seed)} seeds; expected one, or as many as environments",
                 reason="SEED_COUNT",
             )
-        numbers = [0 if seed is None else unsigned("seed", seed, 64) for seed in seeds]
-        seeded = [index for index in chosen.tolist() if seeds[index] is not None]
-        unseeded = [index for index in chosen.tolist() if seeds[index] is None]
-        if not seeded:
-            return self._session.reset(env_indices=unseeded)
-        observations = self._session.reset(seeds=numbers, env_indices=seeded)
+        seeds = [0 if entry is None else unsigned("seed", entry, 64) for entry in seed]
+        chosen = chosen or range(self.num_envs)
+        seeded = [index for index in chosen if seed[index] is not None]
+        unseeded = [index for index in chosen if seed[index] is None]
         # The protocol seeds all or none of the environments that one request resets.
-        return self._session.reset(env_indices=unseeded) if unseeded else observations
+        observations = None
+        if seeded:
+            observations = self._session.reset(seeds=seeds, env_indices=seeded)
+        if unseeded or observations is None:
+            observations = self._session.reset(env_indices=unseeded)
+        return observations
 
     def _reset_mask(self, options: dict[str, Any] | None) -> NDArray[np.bool_] | None:
         """The mask in `options`, held to the rules of `SyncVectorEnv`."""
@@ -289,6 +293,12 @@ class RemoteVectorEnv(VectorEnv[NDArray[np.float64], NDArray[np.float32], NDArra
         if not mask.any():
             raise InvalidArgument(f"{name} is false everywhere; expected at least one true entry")
         return mask
+
+    def _note_failure(self, error: BaseException) -> None:
+        """Unless the server refused a call, nobody knows where the episodes are now."""
+        if not errors.is_refusal(error):
+            self._is_playing = False
+            self._session.abandon_steps()
 
     def _refuse_unless_playing(self, what: str) -> None:
         if self._is_step_pending or not self._is_playing:
