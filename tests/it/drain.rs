@@ -1,7 +1,5 @@
 //! What a shutdown does to work that is under way.
 
-use std::time::Duration;
-
 use palr_gym_proto::v1;
 use palr_gym_proto::v1::environment_service_client::EnvironmentServiceClient;
 use palr_gym_proto::v1::evaluation_service_client::EvaluationServiceClient;
@@ -25,8 +23,7 @@ async fn a_drained_server_says_so_refuses_new_work_and_ends_without_an_error() {
     assert_eq!(watched.message().await.unwrap().unwrap().status(), ServingStatus::Serving);
 
     let client = server.client().await;
-    let deadline = Duration::from_secs(10);
-    let mut session = Session::open(&client, open("hopper", 1), deadline).await.unwrap();
+    let mut session = Session::open(&client, open("hopper", 1)).await.unwrap();
     session.reset(vec![0]).await.unwrap();
     let mut evaluation = EvaluationServiceClient::new(channel.clone())
         .evaluate(v1::EvaluateRequest {

@@ -1,7 +1,5 @@
 //! Sessions over the wire.
 
-use std::time::Duration;
-
 use palr_gym_proto::v1;
 use palr_gym_proto::v1::environment_service_client::EnvironmentServiceClient;
 use palr_gym_proto::v1::step_stream_request::Request;
@@ -10,8 +8,6 @@ use palr_gym_trainer::session::Session;
 use tonic::Code;
 
 use crate::support::{TestServer, float32, open, soon};
-
-const DEADLINE: Duration = Duration::from_secs(10);
 
 /// Actions that keep a hopper busy for a while, different in each step.
 fn actions(step: usize, count: usize) -> Vec<f32> {
@@ -34,12 +30,12 @@ async fn bits_do_not_depend_on_the_transport_or_on_pipelining() {
     let mut rollouts = Vec::new();
     for address in [&server.tcp, &server.unix] {
         let client = palr_gym_trainer::Client::connect(address).await.unwrap();
-        let mut session = Session::open(&client, open("hopper-w2", 5), DEADLINE).await.unwrap();
+        let mut session = Session::open(&client, open("hopper-w2", 5)).await.unwrap();
         rollouts.push(play(&mut session, 60).await);
         session.close().await.unwrap();
     }
     let client = server.client().await;
-    let mut session = Session::open(&client, open("hopper-w2", 5), DEADLINE).await.unwrap();
+    let mut session = Session::open(&client, open("hopper-w2", 5)).await.unwrap();
     session.reset(vec![9]).await.unwrap();
     for step in 0..60 {
         session.send_step(&actions(step, 15)).unwrap();
@@ -111,13 +107,13 @@ async fn an_error_answers_its_own_request_and_leaves_stream_and_session_as_they_
 async fn a_client_that_reads_nothing_is_bounded_and_others_go_on() {
     let server = TestServer::with_defaults().await;
     let client = server.client().await;
-    let mut greedy = Session::open(&client, open("hopper", 64), DEADLINE).await.unwrap();
+    let mut greedy = Session::open(&client, open("hopper", 64)).await.unwrap();
     greedy.reset(vec![0]).await.unwrap();
     for step in 0..500 {
         greedy.send_step(&actions(step, 192)).unwrap();
     }
     let other = palr_gym_trainer::Client::connect(&server.tcp).await.unwrap();
-    let mut session = Session::open(&other, open("hopper", 1), DEADLINE).await.unwrap();
+    let mut session = Session::open(&other, open("hopper", 1)).await.unwrap();
     soon(play(&mut session, 50)).await;
     // And the greedy one still gets every answer, in order.
     for _ in 0..500 {

@@ -54,7 +54,11 @@ impl std::fmt::Display for ServerAddress {
 #[derive(Debug, Clone)]
 pub struct Client {
     channel: Channel,
+    deadline: Duration,
 }
+
+/// How long a client waits for a sign of life when nobody says otherwise.
+pub const DEFAULT_DEADLINE: Duration = Duration::from_secs(120);
 
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(5);
 const WINDOW_BYTES: u32 = 16 << 20;
@@ -111,7 +115,29 @@ impl Client {
     /// Uses a connection that somebody else made.
     #[must_use]
     pub fn from_channel(channel: Channel) -> Self {
-        Self { channel }
+        Self { channel, deadline: DEFAULT_DEADLINE }
+    }
+
+    /// The same connection, on which no call waits longer than `deadline` for its answer, and no
+    /// stream for its next message.
+    #[must_use]
+    pub fn with_deadline(self, deadline: Duration) -> Self {
+        Self { deadline, ..self }
+    }
+
+    /// Waits for `answer`, but not longer than the deadline.
+    pub(crate) async fn within<T>(
+        &self,
+        answer: impl Future<Output = Result<T, tonic::Status>>,
+    ) -> Result<T, ClientError> {
+        match tokio::time::timeout(self.deadline, answer).await {
+            Ok(answer) => Ok(answer?),
+            Err(_) => Err(ClientError::Status {
+                code: tonic::Code::DeadlineExceeded,
+                reason: None,
+                message: format!("the server said nothing for {:?}", self.deadline),
+            }),
+        }
     }
 
     /// Versions and limits.
@@ -120,7 +146,8 @@ impl Client {
     /// [`ClientError::Status`].
     pub async fn server_info(&self) -> Result<v1::GetServerInfoResponse, ClientError> {
         let mut service = ServerServiceClient::new(self.channel.clone());
-        Ok(service.get_server_info(v1::GetServerInfoRequest {}).await?.into_inner())
+        let answer = self.within(service.get_server_info(v1::GetServerInfoRequest {})).await?;
+        Ok(answer.into_inner())
     }
 
     /// Every task.
@@ -128,7 +155,8 @@ impl Client {
     /// # Errors
     /// [`ClientError::Status`].
     pub async fn tasks(&self) -> Result<Vec<v1::Task>, ClientError> {
-        let response = self.environments().list_tasks(v1::ListTasksRequest {}).await?;
+        let mut service = self.environments();
+        let response = self.within(service.list_tasks(v1::ListTasksRequest {})).await?;
         Ok(response.into_inner().tasks)
     }
 
@@ -138,8 +166,12 @@ impl Client {
     /// [`ClientError::Status`].
     pub async fn spec(&self, env_id: &str) -> Result<v1::EnvironmentSpec, ClientError> {
         let request = v1::GetEnvironmentSpecRequest { env_id: env_id.to_owned() };
-        let response = self.environments().get_environment_spec(request).await?.into_inner();
-        response.spec.ok_or_else(|| ClientError::Protocol("no spec in the answer".into()))
+        let mut service = self.environments();
+        let response = self.within(service.get_environment_spec(request)).await?;
+        response
+            .into_inner()
+            .spec
+            .ok_or_else(|| ClientError::Protocol("no spec in the answer".into()))
     }
 
     // Answers may be as large as environments times stacks make them; the server bounds both.

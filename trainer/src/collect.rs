@@ -316,8 +316,9 @@ impl Recording {
             num_envs: options.num_envs,
             first_episode: self.progress.episodes,
         };
-        let mut stream = client.collections().collect(request).await?.into_inner();
-        while let Some(message) = stream.message().await? {
+        let mut service = client.collections();
+        let mut stream = client.within(service.collect(request)).await?.into_inner();
+        while let Some(message) = client.within(stream.message()).await? {
             match message.response {
                 Some(Response::Started(started)) => {
                     let header = header(options, &info, started)?;

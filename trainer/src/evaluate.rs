@@ -106,9 +106,10 @@ pub async fn evaluate(
         action_mode: wire_action_mode(options.action_mode).into(),
         num_envs: options.num_envs,
     };
-    let mut stream = client.evaluations().evaluate(request).await?.into_inner();
+    let mut service = client.evaluations();
+    let mut stream = client.within(service.evaluate(request)).await?.into_inner();
     let mut episodes = Vec::new();
-    while let Some(message) = stream.message().await? {
+    while let Some(message) = client.within(stream.message()).await? {
         match message.response {
             Some(Response::Episode(episode)) => {
                 let episode = Episode {

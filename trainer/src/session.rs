@@ -1,7 +1,5 @@
 //! A session of environments, stepped over a stream.
 
-use std::time::Duration;
-
 use bytes::Bytes;
 use palr_gym_proto::v1;
 use palr_gym_proto::v1::step_stream_request::Request;
@@ -22,23 +20,22 @@ pub struct Session {
     num_envs: usize,
     requests: mpsc::UnboundedSender<v1::StepStreamRequest>,
     answers: Streaming<v1::StepStreamResponse>,
-    deadline: Duration,
 }
 
 impl Session {
-    /// Opens a session and its stream. No later call waits longer than `deadline`.
+    /// Opens a session and its stream. No call waits longer than the client's deadline.
     ///
     /// # Errors
     /// [`ClientError::Status`].
     pub async fn open(
         client: &Client,
         request: v1::OpenSessionRequest,
-        deadline: Duration,
     ) -> Result<Self, ClientError> {
-        let opened = client.environments().open_session(request).await?.into_inner();
+        let mut service = client.environments();
+        let opened = client.within(service.open_session(request)).await?.into_inner();
         let (requests, outgoing) = mpsc::unbounded_channel();
         let outgoing = UnboundedReceiverStream::new(outgoing);
-        let answers = client.environments().step_stream(outgoing).await?.into_inner();
+        let answers = client.within(service.step_stream(outgoing)).await?.into_inner();
         let spec =
             opened.spec.ok_or_else(|| ClientError::Protocol("no spec in the answer".into()))?;
         Ok(Self {
@@ -48,7 +45,6 @@ impl Session {
             num_envs: opened.num_envs as usize,
             requests,
             answers,
-            deadline,
         })
     }
 
@@ -118,17 +114,7 @@ impl Session {
     }
 
     async fn receive(&mut self) -> Result<Response, ClientError> {
-        let message = tokio::time::timeout(self.deadline, self.answers.message()).await;
-        let answer = match message {
-            Err(_) => {
-                return Err(ClientError::Status {
-                    code: Code::DeadlineExceeded,
-                    reason: None,
-                    message: format!("the server did not answer within {:?}", self.deadline),
-                });
-            }
-            Ok(answer) => answer?.ok_or_else(stream_ended)?,
-        };
+        let answer = self.client.within(self.answers.message()).await?.ok_or_else(stream_ended)?;
         match answer.response {
             Some(Response::Error(status)) => {
                 let code = Code::from_i32(status.code);
@@ -146,7 +132,8 @@ impl Session {
     /// [`ClientError::Status`].
     pub async fn close(self) -> Result<(), ClientError> {
         let request = v1::CloseSessionRequest { session_id: self.session_id };
-        self.client.environments().close_session(request).await?;
+        let mut service = self.client.environments();
+        self.client.within(service.close_session(request)).await?;
         Ok(())
     }
 }

@@ -1,15 +1,13 @@
 //! Steps a server through our Rust client: one session on one stream, each answer awaited before
 //! the next request is sent, as an agent must that chooses actions by what it sees.
 
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use clap::Parser;
 use palr_gym_bench::{Measurement, Workload, report};
 use palr_gym_proto::v1;
 use palr_gym_trainer::session::Session;
 use palr_gym_trainer::{Client, ServerAddress};
-
-const DEADLINE: Duration = Duration::from_secs(60);
 
 #[derive(Debug, Parser)]
 #[command(about = "Measures a server with the Rust client")]
@@ -41,7 +39,7 @@ async fn measure(cli: &Cli) -> anyhow::Result<Measurement> {
         num_envs: Some(workload.num_envs as u32),
         ..v1::OpenSessionRequest::default()
     };
-    let mut session = Session::open(&client, request, DEADLINE).await?;
+    let mut session = Session::open(&client, request).await?;
     let space = session.spec().action_space.clone().unwrap_or_default();
     let action_size: i64 = space.shape.iter().product();
     let actions = workload.actions(action_size as usize);

@@ -217,7 +217,7 @@ class MessageStream:
         """Takes in what arrives next."""
         if self._lost_because is not None:
             raise StreamLost(self._lost_because)
-        self._socket.settimeout(None)
+        self._socket.settimeout(_remaining(deadline))
         self._read()
         self._take_frames()
 

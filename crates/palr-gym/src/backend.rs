@@ -1,21 +1,26 @@
 //! A server to talk to: the user's, or one inside this process.
 
+use std::time::Duration;
+
 use hyper_util::rt::TokioIo;
 use palr_gym_server::{Listener, Server, ServerConfig};
+use palr_gym_trainer::Client;
 use palr_gym_trainer::client::tuned;
-use palr_gym_trainer::{Client, ServerAddress};
 use tonic::transport::{Endpoint, Uri};
+
+use crate::cli::ServerArguments;
 
 /// Bytes in flight between client and server of one process.
 const PIPE_BYTES: usize = 1 << 20;
 
-/// Connects to `server`, or starts one in this process and connects to that. Either way the client
+/// Connects to the server that was named, or starts one in this process and connects to that. Either way the client
 /// speaks gRPC.
-pub async fn connect(server: Option<&ServerAddress>) -> anyhow::Result<Client> {
-    match server {
-        Some(address) => Ok(Client::connect(address).await?),
-        None => start_in_process().await,
-    }
+pub async fn connect(arguments: &ServerArguments) -> anyhow::Result<Client> {
+    let client = match &arguments.server {
+        Some(address) => Client::connect(address).await?,
+        None => start_in_process().await?,
+    };
+    Ok(client.with_deadline(Duration::from_secs(arguments.deadline)))
 }
 
 async fn start_in_process() -> anyhow::Result<Client> {

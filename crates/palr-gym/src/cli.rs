@@ -67,6 +67,9 @@ pub struct ServerArguments {
     /// A running server: HOST:PORT or unix:PATH. Without it, this program serves itself.
     #[arg(long, env = "PALR_GYM_SERVER", value_name = "ADDR")]
     pub server: Option<ServerAddress>,
+    /// Give up when the server says nothing for this many seconds.
+    #[arg(long, value_name = "SECONDS", default_value_t = 120, value_parser = clap::value_parser!(u64).range(1..))]
+    pub deadline: u64,
 }
 
 /// `palr-gym serve`

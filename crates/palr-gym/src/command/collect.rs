@@ -12,7 +12,7 @@ const DEFAULT_TRANSITIONS: u64 = 30_000;
 
 /// Collects and prints where to.
 pub async fn run(arguments: CollectArguments) -> anyhow::Result<()> {
-    let client = backend::connect(arguments.server.server.as_ref()).await?;
+    let client = backend::connect(&arguments.server).await?;
     let existing = match (arguments.resume, arguments.force) {
         (true, _) => Existing::Resume,
         (_, true) => Existing::Replace,

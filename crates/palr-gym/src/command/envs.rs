@@ -9,7 +9,7 @@ use crate::output;
 
 /// Lists tasks or describes one environment.
 pub async fn run(arguments: EnvsArguments) -> anyhow::Result<()> {
-    let client = backend::connect(arguments.server.server.as_ref()).await?;
+    let client = backend::connect(&arguments.server).await?;
     match &arguments.env {
         Some(env_id) => {
             let spec = client.spec(env_id).await?;

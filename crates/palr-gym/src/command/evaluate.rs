@@ -9,7 +9,7 @@ use crate::{backend, output, progress};
 
 /// Evaluates and prints.
 pub async fn run(arguments: EvaluateArguments) -> anyhow::Result<()> {
-    let client = backend::connect(arguments.server.server.as_ref()).await?;
+    let client = backend::connect(&arguments.server).await?;
     let policy = arguments.policy;
     let options = EvaluateOptions {
         env_id: policy.env,
