@@ -50,11 +50,10 @@ fn inverse(a: &Rows) -> Rows {
         work.swap(column, pivot);
         let scale = work[column][column];
         work[column].iter_mut().for_each(|value| *value /= scale);
-        for i in (0..n).filter(|&i| i != column) {
-            let factor = work[i][column];
-            for j in 0..2 * n {
-                work[i][j] -= factor * work[column][j];
-            }
+        let pivot_row = work[column].clone();
+        for (_, row) in work.iter_mut().enumerate().filter(|(i, _)| *i != column) {
+            let factor = row[column];
+            row.iter_mut().zip(&pivot_row).for_each(|(value, pivot)| *value -= factor * pivot);
         }
     }
     work.into_iter().map(|row| row[n..].to_vec()).collect()
