@@ -5,6 +5,7 @@
 //! - [`env_id`]: `hopper-w2-v0` and its grammar.
 //! - [`task`], [`spec`], [`space`]: the facts of a task, and of an environment made from it.
 //! - [`frame_stack`]: the stacked observation, zero-padded.
+//! - [`standardize`]: columns of zero mean and unit variance.
 //! - [`options`]: autoreset modes, out-of-bounds handling, masks.
 //! - [`score`]: normalised scores and their statistics.
 //! - [`random`]: NumPy's generator, bit for bit.
@@ -21,6 +22,7 @@ pub mod random;
 pub mod score;
 pub mod space;
 pub mod spec;
+pub mod standardize;
 pub mod tanh_gaussian;
 pub mod task;
 
@@ -29,4 +31,5 @@ pub use frame_stack::FrameStack;
 pub use options::{ActionMode, AutoresetMode, Mask, OutOfBounds};
 pub use space::BoxSpace;
 pub use spec::EnvSpec;
+pub use standardize::{StandardizeError, Standardizer};
 pub use task::{ReferenceReturns, TaskSpec};

@@ -1,15 +1,28 @@
-//! Demonstrations on disk.
+//! Demonstrations on disk, and what a learner is given of them.
 //!
 //! # Layout
 //! - [`d4rl`]: the HDF5 layout of D4RL, written episode by episode.
 //! - [`transitions`]: what one episode holds.
+//! - [`read`]: any D4RL file, ours or theirs, read and checked.
+//! - [`demonstrations`]: the arrays of such a file and where its episodes lie.
+//! - [`selection`]: training rows and held-out rows.
+//! - [`samples`]: rows as a learner meets them: masked, stacked, with past actions.
+//! - [`standardize`]: their columns with zero mean and unit variance.
 //!
-//! Not here: where transitions come from.
+//! Not here: where transitions come from; what is learnt from them.
 
 pub mod d4rl;
+pub mod demonstrations;
 pub mod error;
+pub mod read;
+pub mod samples;
+pub mod selection;
+pub mod standardize;
 pub mod transitions;
 
 pub use d4rl::{D4rlShape, D4rlWriter, Metadata};
+pub use demonstrations::{Arrays, Demonstrations};
 pub use error::DataError;
+pub use samples::{Samples, View};
+pub use selection::{HeldOut, Selection};
 pub use transitions::Episode;
