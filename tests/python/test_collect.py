@@ -3,6 +3,7 @@
 import hashlib
 import math
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +13,10 @@ from numpy.typing import NDArray
 
 import palr_gym
 from palr_gym import Client, Dataset
+from palr_gym._proto.palr_gym.v1 import collection_service_pb2, environment_pb2, tensor_pb2
 from palr_gym.collection import CollectedEpisode
 from support import onnx_policies
+from support.fake_server import fake_server
 from support.onnx_policies import NumpyPolicy
 from support.reference import MASKS, gymnasium_env
 from support.server_process import ROOT
@@ -281,3 +284,56 @@ def test_a_policy_of_our_own_can_be_given_as_bytes_or_as_a_file(
         np.testing.assert_array_equal(dataset.actions, datasets[0].actions)
         expected = np.tanh(dataset.observations[:, :3])
         np.testing.assert_allclose(dataset.actions, expected, atol=1e-6)
+
+
+def test_episodes_of_many_megabytes_arrive(client: Client) -> None:
+    # A thousand observations of 64 * 17 numbers: twice grpc's usual limit for a message.
+    dataset = client.collect("halfcheetah-full-w64", "random", episodes=1)
+    assert dataset.observations.shape == (1000, 64 * 17)
+    check_consistent(dataset, 0)
+
+
+@pytest.mark.parametrize(
+    ("terminated", "truncated", "cut", "terminal", "timeout"),
+    [
+        (True, False, False, True, False),
+        (False, True, False, False, True),
+        (False, False, True, False, True),
+        # In the last step that its time allows, a walker may fall.
+        (True, True, False, True, False),
+        (True, False, True, True, False),
+    ],
+)
+def test_an_episode_ends_at_a_terminal_or_at_a_timeout_and_never_at_both(
+    terminated: bool, truncated: bool, cut: bool, terminal: bool, timeout: bool
+) -> None:
+    def tensor(*shape: int, dtype: str = "FLOAT64") -> tensor_pb2.Tensor:
+        size = math.prod(shape) * (4 if dtype == "FLOAT32" else 8)
+        return tensor_pb2.Tensor(dtype=f"DATA_TYPE_{dtype}", shape=shape, data=bytes(size))
+
+    box = environment_pb2.BoxSpace(shape=[1], low=[-1], high=[1], names=["a"])
+    spec = environment_pb2.EnvironmentSpec(observation_space=box, action_space=box)
+    started = collection_service_pb2.CollectionStarted(spec=spec)
+    episode = collection_service_pb2.EpisodeTransitions(
+        observations=tensor(2, 1),
+        actions=tensor(2, 1, dtype="FLOAT32"),
+        rewards=tensor(2),
+        next_observations=tensor(2, 1),
+        terminated=terminated,
+        truncated=truncated,
+        cut=cut,
+        qpos=tensor(2, 3),
+        qvel=tensor(2, 3),
+    )
+
+    def collect(_request: bytes, _context: object) -> Iterator[bytes]:
+        for message in (
+            collection_service_pb2.CollectResponse(started=started),
+            collection_service_pb2.CollectResponse(episode=episode),
+        ):
+            yield message.SerializeToString()
+
+    with fake_server("CollectionService", {}, {"Collect": collect}) as address:
+        dataset = palr_gym.collect("tiny", "random", episodes=1, server=address)
+    assert dataset.terminals.tolist() == [False, terminal]
+    assert dataset.timeouts.tolist() == [False, timeout]

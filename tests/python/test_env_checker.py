@@ -89,6 +89,18 @@ def test_make_vec_opens_one_session_with_the_mode_asked_for(
     assert envs.closed
 
 
+def test_a_seeded_reset_seeds_np_random_as_well(server: str) -> None:
+    with (
+        palr_gym.make("hopper", server=server) as env,
+        palr_gym.make_vec("hopper", 2, server=server) as envs,
+    ):
+        for seeded in (env, envs):
+            seeded.reset(seed=3)
+            assert seeded.np_random_seed == 3
+            expected = np.random.default_rng(3).random()
+            assert seeded.np_random.random() == expected
+
+
 def test_make_vec_can_also_put_single_environments_side_by_side(server: str) -> None:
     together = palr_gym.make_vec("hopper-w2", 3, server=server)
     apart = gymnasium.make_vec(

@@ -151,7 +151,7 @@ def test_a_frozen_server_runs_into_the_deadline_and_recovers(own_server: ServerP
     envs = palr_gym.make_vec("hopper", 4, server=own_server.address, deadline_s=1)
     first = env.reset(seed=0)[0]
     envs.reset(seed=0)
-    own_server.send(signal.SIGSTOP)
+    own_server.freeze()
     for call in (
         lambda: env.step(np.zeros(3)),
         lambda: envs.step(np.zeros((4, 3))),
@@ -160,7 +160,7 @@ def test_a_frozen_server_runs_into_the_deadline_and_recovers(own_server: ServerP
         with within(2.5), pytest.raises(errors.DeadlineExceeded, match="within 1 s") as caught:
             call()
         assert isinstance(caught.value, TimeoutError)
-    own_server.send(signal.SIGCONT)
+    own_server.thaw()
     # The step may have been taken or not: only a reset makes the state known again.
     with pytest.raises(errors.ResetNeeded, match="no answer"):
         env.step(np.zeros(3))
@@ -179,11 +179,11 @@ def test_after_a_reset_without_an_answer_another_one_is_needed(
     ):
         env.reset(seed=0)
         envs.reset(seed=0)
-        own_server.send(signal.SIGSTOP)
+        own_server.freeze()
         for reset in (env.reset, envs.reset, lambda: envs.reset(seed=[1, 2])):
             with pytest.raises(errors.DeadlineExceeded):
                 reset()
-        own_server.send(signal.SIGCONT)
+        own_server.thaw()
         for step in (lambda: env.step(np.zeros(3)), lambda: envs.step(np.zeros((2, 3)))):
             with pytest.raises(errors.ResetNeeded, match="no answer"):
                 step()
@@ -194,7 +194,7 @@ def test_a_step_that_was_sent_to_a_frozen_server_runs_into_the_deadline(
 ) -> None:
     with palr_gym.make_vec("hopper", 4, server=own_server.address, deadline_s=1) as envs:
         envs.reset(seed=0)
-        own_server.send(signal.SIGSTOP)
+        own_server.freeze()
         envs.step_async(np.zeros((4, 3)))
         with within(2.5), pytest.raises(errors.DeadlineExceeded):
             envs.step_wait()
@@ -208,7 +208,7 @@ def test_an_evaluation_or_collection_that_stalls_is_given_up(
 
     def freeze(episode: object) -> None:
         if not episodes:
-            own_server.send(signal.SIGSTOP)
+            own_server.freeze()
         episodes.append(episode)
 
     run = palr_gym.evaluate if kind == "evaluate" else palr_gym.collect

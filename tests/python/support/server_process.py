@@ -54,6 +54,15 @@ class ServerProcess:
         """Sends a signal."""
         self._process.send_signal(number)
 
+    def freeze(self) -> None:
+        """Stops every thread of the server where it is, and waits until they have stopped."""
+        self.send(signal.SIGSTOP)
+        os.waitid(os.P_PID, self._process.pid, os.WSTOPPED)
+
+    def thaw(self) -> None:
+        """Lets a frozen server go on."""
+        self.send(signal.SIGCONT)
+
     def wait(self) -> int:
         """Waits for the end and returns the exit code; negative: ended by that signal."""
         return self._process.wait(STOP_TIMEOUT_S)
