@@ -27,7 +27,14 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("palr-gym-trainer", &["palr-gym-core", "palr-gym-data", "palr-gym-proto"]),
     (
         "palr-gym",
-        &["palr-gym-core", "palr-gym-proto", "palr-gym-server", "palr-gym-sim", "palr-gym-trainer"],
+        &[
+            "palr-gym-core",
+            "palr-gym-data",
+            "palr-gym-proto",
+            "palr-gym-server",
+            "palr-gym-sim",
+            "palr-gym-trainer",
+        ],
     ),
 ];
 

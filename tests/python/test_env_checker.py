@@ -5,10 +5,11 @@ import numpy as np
 import pytest
 from gymnasium.spaces import Box
 from gymnasium.utils.env_checker import check_env
-from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv
 
 import palr_gym
 from palr_gym.registration import registered_env_ids
+from support.reference import random_actions
 
 GYMNASIUM_IDS = [f"palr_gym/{env_id}-v0" for env_id in registered_env_ids()]
 
@@ -101,13 +102,18 @@ def test_a_seeded_reset_seeds_np_random_as_well(server: str) -> None:
             assert seeded.np_random.random() == expected
 
 
-def test_make_vec_can_also_put_single_environments_side_by_side(server: str) -> None:
+@pytest.mark.parametrize("mode", ["sync", "async"])
+def test_make_vec_can_also_put_single_environments_side_by_side(mode: str, server: str) -> None:
     together = palr_gym.make_vec("hopper-w2", 3, server=server)
+    # "async" forks: the children must find their own way to the server.
     apart = gymnasium.make_vec(
-        "palr_gym/hopper-w2-v0", num_envs=3, vectorization_mode="sync", server=server
+        "palr_gym/hopper-w2-v0", num_envs=3, vectorization_mode=mode, server=server
     )
-    assert isinstance(apart, SyncVectorEnv)
+    assert isinstance(apart, SyncVectorEnv | AsyncVectorEnv)
     np.testing.assert_array_equal(together.reset(seed=1)[0], apart.reset(seed=1)[0])
+    for action in random_actions(0, 60, 3, 3):
+        for got, expected in zip(apart.step(action)[:4], together.step(action)[:4], strict=True):
+            np.testing.assert_array_equal(got, expected)
     apart.close()
     together.close()
 

@@ -145,6 +145,14 @@ def test_episodes_are_reported_as_they_end(client: Client) -> None:
     assert sorted(reported, key=lambda result: result.index) == list(evaluation.episodes)
 
 
+def test_an_evaluation_prints_as_a_line(client: Client) -> None:
+    evaluation = client.evaluate("hopper-w2", "random", episodes=3)
+    line = str(evaluation)
+    assert "\n" not in line
+    for part in ("hopper-w2: ", f"{evaluation.score_mean:.1f} ± ", "of 3 episodes"):
+        assert part in line
+
+
 def test_the_standard_error_of_a_single_episode_is_nan(client: Client) -> None:
     evaluation = client.evaluate("hopper", "random", episodes=1)
     assert math.isnan(evaluation.return_standard_error)

@@ -9,6 +9,7 @@ use palr_gym_proto::v1;
 use palr_gym_proto::v1::collection_service_client::CollectionServiceClient;
 use palr_gym_proto::v1::environment_service_client::EnvironmentServiceClient;
 use palr_gym_proto::v1::evaluation_service_client::EvaluationServiceClient;
+use palr_gym_proto::v1::leakage_service_client::LeakageServiceClient;
 use palr_gym_proto::v1::server_service_client::ServerServiceClient;
 use tokio::net::UnixStream;
 use tonic::transport::{Channel, Endpoint, Uri};
@@ -182,6 +183,10 @@ impl Client {
 
     pub(crate) fn evaluations(&self) -> EvaluationServiceClient<Channel> {
         EvaluationServiceClient::new(self.channel.clone()).max_decoding_message_size(usize::MAX)
+    }
+
+    pub(crate) fn leakages(&self) -> LeakageServiceClient<Channel> {
+        LeakageServiceClient::new(self.channel.clone()).max_decoding_message_size(usize::MAX)
     }
 
     pub(crate) fn collections(&self) -> CollectionServiceClient<Channel> {

@@ -8,6 +8,7 @@
 //! - [`session`]: a session of environments, stepped over a stream.
 //! - [`evaluate`]: evaluation on the server.
 //! - [`collect`]: demonstrations to a file, resumable; [`journal`] is what makes them so.
+//! - [`leakage`]: leakage of a policy on recorded demonstrations.
 //! - [`runs`]: run folders that never mix.
 //! - [`plot`]: figures, as SVG and PNG.
 
@@ -16,6 +17,7 @@ pub mod collect;
 pub mod error;
 pub mod evaluate;
 pub mod journal;
+pub mod leakage;
 pub mod plot;
 pub mod policy;
 pub mod runs;

@@ -69,6 +69,15 @@ class Evaluation:
         """Environment steps per second of wall time."""
         return self.steps / self.wall_time_s
 
+    def __str__(self) -> str:
+        """The summary in a line."""
+        return (
+            f"{self.env_id}: normalised score {self.score_mean:.1f} ± "
+            f"{self.score_standard_error:.1f}, return {self.return_mean:.1f} ± "
+            f"{self.return_standard_error:.1f} (mean ± standard error of {len(self.episodes)} "
+            f"episodes), mean length {self.length_mean:.0f}, {self.steps_per_s:.0f} steps/s"
+        )
+
 
 def evaluate(
     env_id: str,

@@ -55,6 +55,8 @@ pub enum Command {
     Collect(CollectArguments),
     /// Play episodes with a policy on the server and report returns and scores.
     Evaluate(EvaluateArguments),
+    /// Estimate how much a policy's actions repeat the expert's past ones.
+    Leakage(LeakageArguments),
     /// Collect, evaluate and draw, from nothing, in a folder of its own.
     Demo(DemoArguments),
     /// Print a completion script for a shell.
@@ -197,6 +199,58 @@ pub struct EvaluateArguments {
     #[command(flatten)]
     pub server: ServerArguments,
     /// Print the result as JSON, every episode included.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `palr-gym leakage`
+#[derive(Debug, Args)]
+#[command(after_help = "\
+HSCIC(policy's action; expert's past action | expert's action), equation (7) of the PALR paper, exact
+and in double precision, with a block-bootstrap interval (the embedding held fixed). The data set holds
+full observations, as `palr-gym collect --env hopper` records them; the policy sees them as --env does.
+
+Examples:
+  palr-gym leakage --env hopper-w2 --policy policy.onnx --data hopper.hdf5
+  palr-gym leakage --env hopper-w2 --policy policy.onnx --data d4rl.hdf5 --slice 900000
+  palr-gym leakage --env hopper --policy expert --data hopper.hdf5 --training-rows 30000 --json")]
+pub struct LeakageArguments {
+    /// Environment as which the policy sees the data, such as hopper-w2.
+    #[arg(long, value_name = "ID")]
+    pub env: String,
+    /// `expert`, `random`, or the path of an ONNX policy.
+    #[arg(long, value_name = "POLICY")]
+    pub policy: String,
+    /// D4RL HDF5 file with full observations and actions.
+    #[arg(long, value_name = "FILE")]
+    pub data: PathBuf,
+    /// Samples to use.
+    #[arg(long, value_name = "N", default_value_t = 2000)]
+    pub rows: usize,
+    /// Least number of episodes to spread them over.
+    #[arg(long, value_name = "N", default_value_t = 20, conflicts_with = "slice")]
+    pub min_episodes: usize,
+    /// Rows at the beginning of the file that were trained on and must not be used.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub training_rows: usize,
+    /// Use consecutive rows from this one on, as the paper does (900000).
+    #[arg(long, value_name = "ROW")]
+    pub slice: Option<usize>,
+    /// Take the policy's deterministic actions instead of sampling.
+    #[arg(long)]
+    pub deterministic: bool,
+    /// λ of the ridge regression [default: 1e-5].
+    #[arg(long, value_name = "λ")]
+    pub ridge: Option<f64>,
+    /// σ² of the kernels [default: 1].
+    #[arg(long, value_name = "σ²")]
+    pub bandwidth_sq: Option<f64>,
+    /// Seed of sampled actions and of the bootstrap.
+    #[arg(long, value_name = "S", default_value_t = 0)]
+    pub seed: u64,
+    #[command(flatten)]
+    pub server: ServerArguments,
+    /// Print the result as JSON.
     #[arg(long)]
     pub json: bool,
 }

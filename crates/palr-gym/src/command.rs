@@ -5,4 +5,5 @@ pub mod completions;
 pub mod demo;
 pub mod envs;
 pub mod evaluate;
+pub mod leakage;
 pub mod serve;

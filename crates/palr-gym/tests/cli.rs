@@ -37,7 +37,7 @@ fn version_tells_mujocos_too() {
 
 #[test]
 fn every_command_teaches_its_use() {
-    for command in ["serve", "envs", "collect", "evaluate", "demo", "completions"] {
+    for command in ["serve", "envs", "collect", "evaluate", "leakage", "demo", "completions"] {
         let output = palr_gym(Path::new("."), &[command, "--help"]);
         let text = String::from_utf8(output.stdout).unwrap();
         assert!(output.status.success());
@@ -107,6 +107,33 @@ fn results_in_json_are_json_and_nothing_else() {
         let text = String::from_utf8(output.stdout).unwrap();
         let value: serde_json::Value = serde_json::from_str(&text).unwrap();
         assert!(value.is_object() || value.is_array(), "{arguments:?}");
+    }
+}
+
+#[test]
+fn leakage_is_estimated_on_what_was_collected() {
+    let folder = tempfile::tempdir().unwrap();
+    let collect = ["collect", "--env", "hopper", "--policy", "random", "--episodes", "25"];
+    let out = ["--out", "a.hdf5"];
+    assert!(palr_gym(folder.path(), &[&collect[..], &out].concat()).status.success());
+    let leakage = |more: &[&str]| {
+        let data = ["leakage", "--data", "a.hdf5", "--rows", "200", "--json"];
+        palr_gym(folder.path(), &[&data[..], more].concat())
+    };
+    let output = leakage(&["--env", "hopper-w2", "--policy", "random"]);
+    let value: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let (hscic, interval) = (value["hscic"].as_f64().unwrap(), &value["hscic_interval"]);
+    assert!(interval[0].as_f64().unwrap() <= hscic && hscic <= interval[1].as_f64().unwrap());
+    assert_eq!((&value["samples"], &value["is_by_episode"]), (&200.into(), &true.into()));
+    for (more, text) in [
+        (&["--env", "walker2d-w2", "--policy", "random"][..], "holds data of hopper-v0"),
+        (&["--env", "hopper", "--policy", "random", "--slice", "900000"], "900000"),
+        (&["--env", "hopper", "--policy", "random", "--ridge", "0"], "ridge is 0"),
+        (&["--env", "hopper-w2", "--policy", "expert"], "expected float32 [N, 10]"),
+    ] {
+        let output = leakage(more);
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert!(!output.status.success() && said.contains(text), "{more:?}: {said}");
     }
 }
 
