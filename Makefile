@@ -1,5 +1,5 @@
 # Each target is a line or two that a person could type. The two that matter: make demo, make test.
-.PHONY: setup demo test lint stubs release deps clean
+.PHONY: setup demo bench test lint stubs release deps clean
 
 PYTHON := .venv/bin/python
 
@@ -31,6 +31,13 @@ lint: setup-test
 setup-test:
 	scripts/setup.sh test
 .PHONY: setup-test
+
+## Measures against the references; writes bench/results.json and README's table. ONLY=prefix.
+bench: setup
+	cargo build --release -p palr-gym -p palr-gym-bench
+	[ -x .venv-bench/bin/python ] || python3 -m venv .venv-bench
+	.venv-bench/bin/python -m pip install -q --disable-pip-version-check -r requirements/bench.txt ./client-py
+	.venv-bench/bin/python -m bench.run $(if $(ONLY),--only $(ONLY))
 
 ## Regenerates the Python stubs after a change of proto/.
 stubs: setup-test

@@ -104,6 +104,20 @@ async fn an_error_answers_its_own_request_and_leaves_stream_and_session_as_they_
 }
 
 #[tokio::test]
+async fn a_message_beyond_the_size_limit_ends_the_stream_with_the_reason() {
+    let server = TestServer::with_defaults().await;
+    let mut service = EnvironmentServiceClient::new(server.channel().await);
+    let huge = float32(&vec![0.0; 2 << 20], &[2 << 20]);
+    let step = v1::StepRequest { session_id: String::new(), actions: Some(huge) };
+    let request = v1::StepStreamRequest { request: Some(Request::Step(step)) };
+    let requests = tokio_stream::iter([request]);
+    let mut answers = service.step_stream(requests).await.unwrap().into_inner();
+    let status = soon(answers.message()).await.unwrap_err();
+    assert_eq!(status.code(), Code::OutOfRange, "{status}");
+    assert!(status.message().contains("4194304"), "{status}");
+}
+
+#[tokio::test]
 async fn a_client_that_reads_nothing_is_bounded_and_others_go_on() {
     let server = TestServer::with_defaults().await;
     let client = server.client().await;

@@ -33,6 +33,9 @@ _CHANNEL_OPTIONS: list[tuple[str, str | int]] = [
     # A session of many environments, or an episode with pixels, is larger than grpc's 4 MiB.
     ("grpc.max_receive_message_length", -1),
     ("grpc.max_send_message_length", -1),
+    # A client's connection is its own: a forked process cannot use what its parent opened, and
+    # grpc would hand it out.
+    ("grpc.use_local_subchannel_pool", 1),
     # Steps take no detour (see stream.py), so nothing else may.
     ("grpc.enable_http_proxy", 0),
     # A machine that vanishes sends nothing: ask it whether it is still there.

@@ -174,7 +174,11 @@ class RemoteVectorEnv(VectorEnv[NDArray[np.float64], NDArray[np.float32], NDArra
             PalrGymError: The kind that fits.
         """
         self._refuse_unless_playing("step_async")
-        self._session.step_async(actions)
+        try:
+            self._session.step_async(actions)
+        except BaseException as error:
+            self._note_failure(error)
+            raise
         self._is_step_pending = True
 
     def step_wait(self) -> VectorStep:

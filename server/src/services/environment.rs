@@ -3,7 +3,7 @@
 use std::pin::Pin;
 use std::sync::Arc;
 
-use futures_util::{Stream, StreamExt, future};
+use futures_util::{FutureExt, Stream, StreamExt, future};
 use palr_gym_proto::v1;
 use palr_gym_proto::v1::environment_service_server::EnvironmentService;
 use palr_gym_proto::v1::step_stream_request::Request as StreamRequest;
@@ -119,13 +119,20 @@ impl EnvironmentService for Services {
         let mut last: Option<WireSession> = None;
         let answers = request
             .into_inner()
-            // A broken stream is the client's end of it: nobody is left to be told.
-            .take_while(|request| future::ready(request.is_ok()))
-            .filter_map(|request| future::ready(request.ok()))
+            // What cannot be read (a message beyond the size limit) ends the stream, with the reason.
+            .scan(false, |is_broken, request| {
+                let is_last = std::mem::replace(is_broken, request.is_err());
+                future::ready((!is_last).then_some(request))
+            })
             .take_until(draining.cancelled_owned())
-            .map(move |request| keep(services.queue_streamed(request, &mut last)))
-            .buffered(self.limits.max_pipelined_requests)
-            .map(|answer| Ok(stream_response(answer)));
+            .map(move |request| match request {
+                Ok(request) => {
+                    let queued = services.queue_streamed(request, &mut last);
+                    keep(queued).map(|answer| Ok(stream_response(answer))).left_future()
+                }
+                Err(status) => future::ready(Err(status)).right_future(),
+            })
+            .buffered(self.limits.max_pipelined_requests);
         Ok(Response::new(Box::pin(answers)))
     }
 }

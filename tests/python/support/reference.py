@@ -49,7 +49,7 @@ def gymnasium_env(task: str) -> Env:
 
 def gymnasium_vector_env(
     task: str, num_envs: int, autoreset_mode: AutoresetMode = AutoresetMode.NEXT_STEP
-) -> SyncVectorEnv[Any, Any]:
+) -> "SyncVectorEnv[Any, Any]":
     """Gymnasium's environments one after the other."""
     make: Callable[[], Env] = lambda: gymnasium_env(task)  # noqa: E731
     return SyncVectorEnv([make] * num_envs, autoreset_mode=autoreset_mode)
