@@ -9,6 +9,7 @@
 //! - [`evaluate`]: evaluation on the server.
 //! - [`collect`]: demonstrations to a file, resumable; [`journal`] is what makes them so.
 //! - [`runs`]: run folders that never mix.
+//! - [`learning`]: policies from recorded data: behaviour cloning and PALR.
 //! - [`plot`]: figures, as SVG and PNG.
 
 pub mod client;
@@ -16,6 +17,7 @@ pub mod collect;
 pub mod error;
 pub mod evaluate;
 pub mod journal;
+pub mod learning;
 pub mod plot;
 pub mod policy;
 pub mod runs;
