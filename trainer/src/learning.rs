@@ -5,12 +5,18 @@
 //! # Layout
 //! - [`config`]: what decides a run's bits.
 //! - [`data`]: expert data, standardised.
+//! - [`policy_net`], [`likelihood`]: the policy and what it maximises.
+//! - [`algorithms`]: the losses.
 //! - [`adam`], `streams`: the optimiser, random numbers.
 
 pub mod adam;
+pub mod algorithms;
 pub mod config;
 pub mod data;
 pub mod error;
+pub mod likelihood;
+pub mod policy_net;
+mod streams;
 
 pub use config::{Algorithm, PalrConfig, TrainConfig, WeightsMode};
 pub use data::TrainingSet;
