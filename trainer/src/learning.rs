@@ -6,6 +6,7 @@
 //! - [`config`]: what decides a run's bits.
 //! - [`data`]: expert data, standardised.
 //! - [`policy_net`], [`likelihood`]: the policy and what it maximises.
+//! - [`weights`], [`kernel`]: HSCIC, split into what depends on data only and what depends on φ.
 //! - [`algorithms`]: the losses.
 //! - [`adam`], `streams`: the optimiser, random numbers.
 
@@ -14,9 +15,11 @@ pub mod algorithms;
 pub mod config;
 pub mod data;
 pub mod error;
+pub mod kernel;
 pub mod likelihood;
 pub mod policy_net;
 mod streams;
+pub mod weights;
 
 pub use config::{Algorithm, PalrConfig, TrainConfig, WeightsMode};
 pub use data::TrainingSet;
