@@ -4,6 +4,7 @@
 //! are the numbers beside it.
 
 pub mod bc;
+pub mod palr;
 
 use burn::tensor::Tensor;
 
