@@ -9,12 +9,14 @@
 //! - [`weights`], [`kernel`]: HSCIC, split into what depends on data only and what depends on φ.
 //! - [`algorithms`]: the losses.
 //! - [`adam`], `streams`: the optimiser, random numbers.
+//! - [`export`]: the finished policy, as ONNX and safetensors.
 
 pub mod adam;
 pub mod algorithms;
 pub mod config;
 pub mod data;
 pub mod error;
+pub mod export;
 pub mod kernel;
 pub mod likelihood;
 pub mod policy_net;
@@ -24,3 +26,4 @@ pub mod weights;
 pub use config::{Algorithm, PalrConfig, TrainConfig, WeightsMode};
 pub use data::TrainingSet;
 pub use error::TrainError;
+pub use export::TrainedPolicy;
