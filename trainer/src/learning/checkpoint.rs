@@ -1,7 +1,7 @@
 //! What of a run survives being killed at any moment.
 //!
 //! A checkpoint is a safetensors file that is whole or absent: parameters, Adam's moments, and the
-//! step. Random numbers follow from the step ([`crate::learning::train`]), so that this is
+//! step. Random numbers follow from the step ([`mod@crate::learning::train`]), so that this is
 //! everything that later steps depend on besides settings and data, which are compared.
 
 use std::collections::HashMap;
