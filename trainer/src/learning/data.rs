@@ -92,7 +92,7 @@ impl TrainingSet {
     ) -> Result<Self, TrainError> {
         check("observations", observations, observation_size, None)?;
         let statistics = Standardization::of(observations, observation_size);
-        Self::standardized(observations, statistics, actions, past_actions, action_size)
+        Self::with_statistics(observations, statistics, actions, past_actions, action_size)
     }
 
     /// Other rows of the same task, such as held-out ones, standardised by the statistics of
@@ -107,14 +107,24 @@ impl TrainingSet {
         past_actions: Vec<f32>,
     ) -> Result<Self, TrainError> {
         let statistics = self.observation_statistics.clone();
-        let mut set =
-            Self::standardized(observations, statistics, actions, past_actions, self.action_size)?;
+        let mut set = Self::with_statistics(
+            observations,
+            statistics,
+            actions,
+            past_actions,
+            self.action_size,
+        )?;
         set.action_statistics = self.action_statistics.clone();
         set.past_action_statistics = self.past_action_statistics.clone();
         Ok(set)
     }
 
-    fn standardized(
+    /// As [`Self::new`], with statistics of other rows, such as those of a whole data set (the
+    /// paper's text; the reference code takes the training rows').
+    ///
+    /// # Errors
+    /// [`TrainError::Length`] or [`TrainError::NotFinite`].
+    pub fn with_statistics(
         observations: &[f32],
         observation_statistics: Standardization,
         actions: Vec<f32>,
@@ -122,6 +132,8 @@ impl TrainingSet {
         action_size: usize,
     ) -> Result<Self, TrainError> {
         let observation_size = observation_statistics.mean.len();
+        check("statistics.mean", &observation_statistics.mean, observation_size, Some(1))?;
+        check("statistics.std", &observation_statistics.std, observation_size, Some(1))?;
         let n = check("observations", observations, observation_size, None)?;
         check("actions", &actions, action_size, Some(n))?;
         check("past_actions", &past_actions, action_size, Some(n))?;
@@ -301,6 +313,15 @@ mod tests {
         assert_eq!(held_out.batch(&[0]).observations, [2.0]);
         assert_eq!(held_out.hscic_actions(&[0], true).1, [1.0]);
         assert_eq!(held_out.hscic_actions(&[0], false).1, [0.5]);
+        let statistics = Standardization { mean: vec![1.0], std: vec![4.0] };
+        let actions = || (vec![0.5], vec![0.0]);
+        let (action, past) = actions();
+        let set = TrainingSet::with_statistics(&[3.0], statistics, action, past, 1).unwrap();
+        assert_eq!(set.batch(&[0]).observations, [0.5]);
+        let statistics = Standardization { mean: vec![1.0], std: vec![] };
+        let (action, past) = actions();
+        let error = TrainingSet::with_statistics(&[3.0], statistics, action, past, 1).unwrap_err();
+        assert!(error.to_string().contains("statistics.std has 0 numbers; expected 1 rows of 1"));
     }
 
     #[test]

@@ -225,3 +225,37 @@ fn behaviour_cloning_reaches_the_known_optimum_of_a_linear_expert() {
     // In nats; a policy that ignores the observation is 1.0 worse.
     assert!((nll - best).abs() < 0.05, "{nll} {best}");
 }
+
+/// The observation holds the past action itself, so that a representation leaks it unless it is
+/// kept from it.
+#[test]
+fn palr_learns_a_representation_that_leaks_less_than_that_of_behaviour_cloning() {
+    let data = data(1000);
+    for weights in [WeightsMode::Exact, WeightsMode::Pool] {
+        let [plain, regularized] = [Algorithm::Bc, Algorithm::Palr].map(|algorithm| {
+            let palr = PalrConfig { weights, pool_size: 8, alpha: 100.0, ..PalrConfig::default() };
+            let config = TrainConfig {
+                algorithm,
+                steps: 100,
+                batch: 48,
+                learning_rate: 2e-3,
+                metric_rows: 128,
+                palr,
+                ..TrainConfig::default()
+            };
+            let folder = tempfile::tempdir().unwrap();
+            let mut last = None;
+            train(&config, &data, None, folder.path(), false, |progress| {
+                last = Some(progress.training);
+                ControlFlow::Continue(())
+            })
+            .unwrap();
+            last.unwrap()
+        });
+        let (bc, palr) = (plain.hscic, regularized.hscic);
+        assert!(palr > -1e-6 && palr < 0.5 * bc, "{weights:?}: {palr} against {bc}");
+        // Not by forgetting everything: without the observation it would be a nat worse.
+        let (bc, palr) = (plain.nll, regularized.nll);
+        assert!(palr < bc + 0.2, "{weights:?}: {palr} against {bc} nats");
+    }
+}
