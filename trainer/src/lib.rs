@@ -10,6 +10,7 @@
 //! - [`collect`]: demonstrations to a file, resumable; [`journal`] is what makes them so.
 //! - [`leakage`]: leakage of a policy on recorded demonstrations.
 //! - [`runs`]: run folders that never mix.
+//! - [`learning`]: policies from recorded data: behaviour cloning and PALR.
 //! - [`plot`]: figures, as SVG and PNG.
 
 pub mod client;
@@ -18,6 +19,7 @@ pub mod error;
 pub mod evaluate;
 pub mod journal;
 pub mod leakage;
+pub mod learning;
 pub mod plot;
 pub mod policy;
 pub mod runs;

@@ -1,0 +1,338 @@
+//! Expert data as training wants it: standardised, and with what the likelihood needs of each
+//! action computed once.
+
+use crate::learning::error::TrainError;
+
+/// Expert actions are clamped to ± this before atanh (the reference implementation's constant).
+const LARGEST_ACTION: f32 = 0.999_999;
+
+/// Mean and standard deviation of each column.
+///
+/// A column without variance has deviation 1: it becomes 0 everywhere, and nothing is divided by 0.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Standardization {
+    /// `[d]`.
+    pub mean: Vec<f32>,
+    /// `[d]`, each > 0; divided by n, not n - 1.
+    pub std: Vec<f32>,
+}
+
+impl Standardization {
+    /// The statistics of `values`, `[n, d]`.
+    #[must_use]
+    pub fn of(values: &[f32], d: usize) -> Self {
+        let n = (values.len() / d) as f64;
+        let mut mean = vec![0.0_f64; d];
+        let mut variance = vec![0.0_f64; d];
+        for row in values.chunks_exact(d) {
+            for (sum, &value) in mean.iter_mut().zip(row) {
+                *sum += f64::from(value);
+            }
+        }
+        mean.iter_mut().for_each(|sum| *sum /= n);
+        for row in values.chunks_exact(d) {
+            for ((sum, mean), &value) in variance.iter_mut().zip(&mean).zip(row) {
+                *sum += (f64::from(value) - mean).powi(2);
+            }
+        }
+        let std = variance.iter().zip(&mean).map(|(sum, mean)| {
+            let std = (sum / n).sqrt();
+            // A constant column's mean is rounded, so that its deviation need not be exactly 0.
+            if std > 1e-12 * mean.abs().max(f64::MIN_POSITIVE) { std as f32 } else { 1.0 }
+        });
+        let std = std.map(|std| if std > 0.0 { std } else { 1.0 }).collect();
+        Self { mean: mean.into_iter().map(|mean| mean as f32).collect(), std }
+    }
+
+    /// `(values - mean) / std`, column by column; `[n, d]` -> `[n, d]`.
+    #[must_use]
+    pub fn apply(&self, values: &[f32]) -> Vec<f32> {
+        let d = self.mean.len();
+        let columns = self.mean.iter().zip(&self.std).cycle().take(values.len() / d * d);
+        values.iter().zip(columns).map(|(value, (mean, std))| (value - mean) / std).collect()
+    }
+}
+
+/// Expert transitions.
+///
+/// # Invariants
+/// All arrays have `len()` rows, are row-major and finite.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TrainingSet {
+    n: usize,
+    observation_size: usize,
+    action_size: usize,
+    observation_statistics: Standardization,
+    /// `[n, observation_size]`, standardised.
+    observations: Vec<f32>,
+    /// `[n, action_size]`, raw.
+    actions: Vec<f32>,
+    /// `[n, action_size]`, raw; zeros at the start of an episode.
+    past_actions: Vec<f32>,
+    /// `[n, action_size]`: atanh of the clamped actions.
+    pre_tanh: Vec<f32>,
+    /// `[n]`: what the parameters do not change of the negative log-likelihood, in nats.
+    nll_offsets: Vec<f64>,
+    action_statistics: Standardization,
+    past_action_statistics: Standardization,
+}
+
+impl TrainingSet {
+    /// Takes raw stacked observations `[n, observation_size]`, actions and past actions
+    /// `[n, action_size]`. Statistics are those of these rows.
+    ///
+    /// # Errors
+    /// [`TrainError::Length`] or [`TrainError::NotFinite`].
+    pub fn new(
+        observations: &[f32],
+        observation_size: usize,
+        actions: Vec<f32>,
+        past_actions: Vec<f32>,
+        action_size: usize,
+    ) -> Result<Self, TrainError> {
+        check("observations", observations, observation_size, None)?;
+        let statistics = Standardization::of(observations, observation_size);
+        Self::with_statistics(observations, statistics, actions, past_actions, action_size)
+    }
+
+    /// Other rows of the same task, such as held-out ones, standardised by the statistics of
+    /// `self`.
+    ///
+    /// # Errors
+    /// [`TrainError::Length`] or [`TrainError::NotFinite`].
+    pub fn like(
+        &self,
+        observations: &[f32],
+        actions: Vec<f32>,
+        past_actions: Vec<f32>,
+    ) -> Result<Self, TrainError> {
+        let statistics = self.observation_statistics.clone();
+        let mut set = Self::with_statistics(
+            observations,
+            statistics,
+            actions,
+            past_actions,
+            self.action_size,
+        )?;
+        set.action_statistics = self.action_statistics.clone();
+        set.past_action_statistics = self.past_action_statistics.clone();
+        Ok(set)
+    }
+
+    /// As [`Self::new`], with statistics of other rows, such as those of a whole data set (the
+    /// paper's text; the reference code takes the training rows').
+    ///
+    /// # Errors
+    /// [`TrainError::Length`] or [`TrainError::NotFinite`].
+    pub fn with_statistics(
+        observations: &[f32],
+        observation_statistics: Standardization,
+        actions: Vec<f32>,
+        past_actions: Vec<f32>,
+        action_size: usize,
+    ) -> Result<Self, TrainError> {
+        let observation_size = observation_statistics.mean.len();
+        check("statistics.mean", &observation_statistics.mean, observation_size, Some(1))?;
+        check("statistics.std", &observation_statistics.std, observation_size, Some(1))?;
+        let n = check("observations", observations, observation_size, None)?;
+        check("actions", &actions, action_size, Some(n))?;
+        check("past_actions", &past_actions, action_size, Some(n))?;
+        let pre_tanh: Vec<f32> = actions
+            .iter()
+            .map(|action| f64::from(action.clamp(-LARGEST_ACTION, LARGEST_ACTION)).atanh() as f32)
+            .collect();
+        let nll_offsets = pre_tanh.chunks_exact(action_size).map(nll_offset).collect();
+        Ok(Self {
+            n,
+            observation_size,
+            action_size,
+            observations: observation_statistics.apply(observations),
+            observation_statistics,
+            action_statistics: Standardization::of(&actions, action_size),
+            past_action_statistics: Standardization::of(&past_actions, action_size),
+            actions,
+            past_actions,
+            pre_tanh,
+            nll_offsets,
+        })
+    }
+
+    /// Number of rows.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.n
+    }
+
+    /// False: a set has at least one row.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.n == 0
+    }
+
+    /// D, of a stacked observation.
+    #[must_use]
+    pub fn observation_size(&self) -> usize {
+        self.observation_size
+    }
+
+    /// A.
+    #[must_use]
+    pub fn action_size(&self) -> usize {
+        self.action_size
+    }
+
+    /// By which the observations were standardised.
+    #[must_use]
+    pub fn observation_statistics(&self) -> &Standardization {
+        &self.observation_statistics
+    }
+
+    /// The given rows, standardised.
+    #[must_use]
+    pub fn batch(&self, rows: &[usize]) -> Batch {
+        Batch {
+            n: rows.len(),
+            observations: gather(&self.observations, self.observation_size, rows),
+            pre_tanh: gather(&self.pre_tanh, self.action_size, rows),
+            nll_offset: rows.iter().map(|&row| self.nll_offsets[row]).sum::<f64>()
+                / rows.len() as f64,
+        }
+    }
+
+    /// Past and given actions of the rows, `[n, action_size]` each, as HSCIC conditions on them.
+    #[must_use]
+    pub fn hscic_actions(&self, rows: &[usize], is_standardized: bool) -> (Vec<f32>, Vec<f32>) {
+        let past = gather(&self.past_actions, self.action_size, rows);
+        let given = gather(&self.actions, self.action_size, rows);
+        if is_standardized {
+            (self.past_action_statistics.apply(&past), self.action_statistics.apply(&given))
+        } else {
+            (past, given)
+        }
+    }
+
+    /// A checksum of everything that a run reads of the set.
+    #[must_use]
+    pub fn fingerprint(&self) -> u32 {
+        let mut hasher = crc32fast::Hasher::new();
+        for size in [self.n, self.observation_size, self.action_size] {
+            hasher.update(&(size as u64).to_le_bytes());
+        }
+        for array in [&self.observations, &self.actions, &self.past_actions] {
+            hasher.update(bytemuck::cast_slice(array));
+        }
+        hasher.finalize()
+    }
+}
+
+/// The rows of a step.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Batch {
+    /// Number of rows.
+    pub n: usize,
+    /// `[n, observation_size]`, standardised.
+    pub observations: Vec<f32>,
+    /// `[n, action_size]`: atanh of the clamped actions.
+    pub pre_tanh: Vec<f32>,
+    /// Mean over the rows of what no parameter changes of the negative log-likelihood, in nats.
+    pub nll_offset: f64,
+}
+
+/// Of one action with `u` before tanh: the normal's constant, and the logarithm of tanh's slope,
+/// `2 (log 2 - u - softplus(-2u))`, which keeps its digits where tanh saturates.
+fn nll_offset(u: &[f32]) -> f64 {
+    let half_log_tau = 0.5 * std::f64::consts::TAU.ln();
+    u.iter()
+        .map(|&u| {
+            let u = f64::from(u);
+            let softplus = (-2.0 * u).max(0.0) + (-(2.0 * u).abs()).exp().ln_1p();
+            half_log_tau + 2.0 * (std::f64::consts::LN_2 - u - softplus)
+        })
+        .sum()
+}
+
+fn gather(values: &[f32], d: usize, rows: &[usize]) -> Vec<f32> {
+    let mut gathered = Vec::with_capacity(rows.len() * d);
+    for &row in rows {
+        gathered.extend_from_slice(&values[row * d..(row + 1) * d]);
+    }
+    gathered
+}
+
+/// Number of rows of `values`, `[n, d]`.
+fn check(
+    name: &'static str,
+    values: &[f32],
+    d: usize,
+    rows: Option<usize>,
+) -> Result<usize, TrainError> {
+    let got = values.len();
+    let is_right = match rows {
+        Some(rows) => d > 0 && got == rows * d,
+        None => d > 0 && got > 0 && got.is_multiple_of(d),
+    };
+    if !is_right {
+        let want = match rows {
+            Some(rows) => format!("{rows} rows of {d}, at least one in each"),
+            None => format!("one or more rows of {d}"),
+        };
+        return Err(TrainError::Length { name, got, want });
+    }
+    match values.iter().position(|value| !value.is_finite()) {
+        None => Ok(got / d),
+        Some(position) => Err(TrainError::NotFinite {
+            name,
+            row: position / d,
+            column: position % d,
+            value: values[position],
+        }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn columns_have_mean_zero_and_deviation_one_and_constants_become_zero() {
+        let raw: Vec<f32> = (0..50).flat_map(|i| [i as f32 * 3.0 - 7.0, 0.1, 1e6]).collect();
+        let set = TrainingSet::new(&raw, 3, vec![0.0; 50], vec![0.0; 50], 1).unwrap();
+        let batch = set.batch(&(0..50).collect::<Vec<_>>());
+        let column = |c: usize| batch.observations.iter().skip(c).step_by(3).copied();
+        let moment = |power| column(0).map(|x| f64::from(x).powi(power)).sum::<f64>() / 50.0;
+        assert!(moment(1).abs() < 1e-6 && (moment(2) - 1.0).abs() < 1e-6);
+        assert!(column(1).chain(column(2)).all(|value| value == 0.0));
+        let (past, given) = set.hscic_actions(&[0, 1], true);
+        assert!(past.iter().chain(&given).all(|&value| value == 0.0));
+    }
+
+    #[test]
+    fn held_out_rows_are_standardised_by_the_training_rows() {
+        let set = TrainingSet::new(&[0.0, 2.0], 1, vec![0.0, 0.5], vec![0.0; 2], 1).unwrap();
+        let held_out = set.like(&[3.0], vec![0.5], vec![0.0]).unwrap();
+        assert_eq!(held_out.batch(&[0]).observations, [2.0]);
+        assert_eq!(held_out.hscic_actions(&[0], true).1, [1.0]);
+        assert_eq!(held_out.hscic_actions(&[0], false).1, [0.5]);
+        let statistics = Standardization { mean: vec![1.0], std: vec![4.0] };
+        let actions = || (vec![0.5], vec![0.0]);
+        let (action, past) = actions();
+        let set = TrainingSet::with_statistics(&[3.0], statistics, action, past, 1).unwrap();
+        assert_eq!(set.batch(&[0]).observations, [0.5]);
+        let statistics = Standardization { mean: vec![1.0], std: vec![] };
+        let (action, past) = actions();
+        let error = TrainingSet::with_statistics(&[3.0], statistics, action, past, 1).unwrap_err();
+        assert!(error.to_string().contains("statistics.std has 0 numbers; expected 1 rows of 1"));
+    }
+
+    #[test]
+    fn wrong_arrays_are_refused_with_what_was_wanted() {
+        let new = |observations: &[f32], actions| {
+            TrainingSet::new(observations, 2, actions, vec![0.0; 2], 1).unwrap_err().to_string()
+        };
+        assert!(new(&[0.0; 3], vec![0.0; 2]).contains("observations has 3 numbers"));
+        assert!(new(&[], vec![]).contains("expected one or more rows of 2"));
+        assert!(new(&[0.0; 4], vec![0.0; 3]).contains("actions has 3 numbers; expected 2 rows"));
+        let error = new(&[0.0, 0.0, 0.0, f32::NAN], vec![0.0; 2]);
+        assert!(error.contains("observations is NaN in row 1, column 1"), "{error}");
+    }
+}
