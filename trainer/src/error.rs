@@ -60,6 +60,9 @@ pub enum ClientError {
         /// Transitions in it.
         transitions: u64,
     },
+    /// Training.
+    #[error(transparent)]
+    Train(#[from] crate::learning::TrainError),
     /// A figure.
     #[error("cannot draw {}: {message}", path.display())]
     Plot {

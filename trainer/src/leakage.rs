@@ -103,7 +103,7 @@ pub async fn estimate(client: &Client, options: &LeakageOptions) -> Result<Leaka
 }
 
 /// How an environment shows the full observations of its task.
-async fn view(client: &Client, spec: &v1::EnvironmentSpec) -> Result<View, ClientError> {
+pub(crate) async fn view(client: &Client, spec: &v1::EnvironmentSpec) -> Result<View, ClientError> {
     let tasks = client.tasks().await?;
     let task = tasks.into_iter().find(|task| task.name == spec.task).ok_or_else(|| {
         ClientError::Protocol(format!("the server does not list its task {}", spec.task))

@@ -10,13 +10,15 @@
 //! - [`collect`]: demonstrations to a file, resumable; [`journal`] is what makes them so.
 //! - [`leakage`]: leakage of a policy on recorded demonstrations.
 //! - [`runs`]: run folders that never mix.
-//! - [`learning`]: policies from recorded data: behaviour cloning and PALR.
+//! - [`imitate`]: from recorded demonstrations to a policy, by way of
+//!   [`learning`]: policies from recorded data: behaviour cloning and PALR.
 //! - [`plot`]: figures, as SVG and PNG.
 
 pub mod client;
 pub mod collect;
 pub mod error;
 pub mod evaluate;
+pub mod imitate;
 pub mod journal;
 pub mod leakage;
 pub mod learning;

@@ -7,3 +7,4 @@ pub mod envs;
 pub mod evaluate;
 pub mod leakage;
 pub mod serve;
+pub mod train;

@@ -61,6 +61,7 @@ async fn run(cli: Cli) -> anyhow::Result<()> {
         Command::Envs(arguments) => command::envs::run(arguments).await,
         Command::Collect(arguments) => command::collect::run(arguments).await,
         Command::Evaluate(arguments) => command::evaluate::run(arguments).await,
+        Command::Train(arguments) => command::train::run(arguments).await,
         Command::Leakage(arguments) => command::leakage::run(arguments).await,
         Command::Demo(arguments) => command::demo::run(arguments).await,
         Command::Completions(arguments) => {

@@ -37,7 +37,9 @@ fn version_tells_mujocos_too() {
 
 #[test]
 fn every_command_teaches_its_use() {
-    for command in ["serve", "envs", "collect", "evaluate", "leakage", "demo", "completions"] {
+    for command in
+        ["serve", "envs", "collect", "evaluate", "leakage", "train", "demo", "completions"]
+    {
         let output = palr_gym(Path::new("."), &[command, "--help"]);
         let text = String::from_utf8(output.stdout).unwrap();
         assert!(output.status.success());

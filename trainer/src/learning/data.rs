@@ -1,6 +1,8 @@
 //! Expert data as training wants it: standardised, and with what the likelihood needs of each
 //! action computed once.
 
+use palr_gym_core::standardize::Standardizer;
+
 use crate::learning::error::TrainError;
 
 /// Expert actions are clamped to ± this before atanh (the reference implementation's constant).
@@ -18,30 +20,17 @@ pub struct Standardization {
 }
 
 impl Standardization {
-    /// The statistics of `values`, `[n, d]`.
-    #[must_use]
-    pub fn of(values: &[f32], d: usize) -> Self {
-        let n = (values.len() / d) as f64;
-        let mut mean = vec![0.0_f64; d];
-        let mut variance = vec![0.0_f64; d];
-        for row in values.chunks_exact(d) {
-            for (sum, &value) in mean.iter_mut().zip(row) {
-                *sum += f64::from(value);
-            }
-        }
-        mean.iter_mut().for_each(|sum| *sum /= n);
-        for row in values.chunks_exact(d) {
-            for ((sum, mean), &value) in variance.iter_mut().zip(&mean).zip(row) {
-                *sum += (f64::from(value) - mean).powi(2);
-            }
-        }
-        let std = variance.iter().zip(&mean).map(|(sum, mean)| {
-            let std = (sum / n).sqrt();
-            // A constant column's mean is rounded, so that its deviation need not be exactly 0.
-            if std > 1e-12 * mean.abs().max(f64::MIN_POSITIVE) { std as f32 } else { 1.0 }
-        });
-        let std = std.map(|std| if std > 0.0 { std } else { 1.0 }).collect();
-        Self { mean: mean.into_iter().map(|mean| mean as f32).collect(), std }
+    /// The statistics of `values`, `[n, d]`, rounded to the policy's precision.
+    ///
+    /// # Errors
+    /// [`TrainError::Standardize`] without rows, or with numbers that are not finite.
+    pub fn of(values: &[f32], d: usize) -> Result<Self, TrainError> {
+        let fitted = Standardizer::fit(values, d)?;
+        let narrow = |values: &[f64]| values.iter().map(|&value| value as f32).collect::<Vec<_>>();
+        let mut std = narrow(fitted.std());
+        // A deviation too small for f32 is none.
+        std.iter_mut().filter(|std| **std == 0.0).for_each(|std| *std = 1.0);
+        Ok(Self { mean: narrow(fitted.mean()), std })
     }
 
     /// `(values - mean) / std`, column by column; `[n, d]` -> `[n, d]`.
@@ -91,7 +80,7 @@ impl TrainingSet {
         action_size: usize,
     ) -> Result<Self, TrainError> {
         check("observations", observations, observation_size, None)?;
-        let statistics = Standardization::of(observations, observation_size);
+        let statistics = Standardization::of(observations, observation_size)?;
         Self::with_statistics(observations, statistics, actions, past_actions, action_size)
     }
 
@@ -148,8 +137,8 @@ impl TrainingSet {
             action_size,
             observations: observation_statistics.apply(observations),
             observation_statistics,
-            action_statistics: Standardization::of(&actions, action_size),
-            past_action_statistics: Standardization::of(&past_actions, action_size),
+            action_statistics: Standardization::of(&actions, action_size)?,
+            past_action_statistics: Standardization::of(&past_actions, action_size)?,
             actions,
             past_actions,
             pre_tanh,

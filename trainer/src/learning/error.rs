@@ -5,6 +5,9 @@ use std::path::PathBuf;
 /// Why a run cannot start, go on or be saved.
 #[derive(Debug, thiserror::Error)]
 pub enum TrainError {
+    /// Statistics that cannot be had.
+    #[error(transparent)]
+    Standardize(#[from] palr_gym_core::standardize::StandardizeError),
     /// A setting that no run can have.
     #[error("{message}")]
     Setting {
