@@ -4,6 +4,7 @@
 - `gymnasium.make_vec("palr_gym/hopper-w2-v0", num_envs=64, server=...)`: many, in one session.
 - `evaluate("hopper-w2", "policy.onnx")`, `collect("hopper", "expert", transitions=30_000)`: the
   server steps the environments itself.
+- `hscic(representation, past_action, given_action)`: how much the first repeats the second.
 - `Client`: everything else that a server offers.
 
 Importing this package registers the environments with Gymnasium. It opens no connection.
@@ -27,6 +28,7 @@ from palr_gym.errors import (
     Unimplemented,
 )
 from palr_gym.evaluation import EpisodeResult, Evaluation, evaluate
+from palr_gym.leakage import Hscic, hscic
 from palr_gym.registration import make, make_vec, register_envs
 from palr_gym.session import Session, StepResult
 from palr_gym.specs import (
@@ -51,6 +53,7 @@ __all__ = [
     "Evaluation",
     "Expert",
     "FailedPrecondition",
+    "Hscic",
     "InvalidArgument",
     "NotFound",
     "PalrGymError",
@@ -70,6 +73,7 @@ __all__ = [
     "__version__",
     "collect",
     "evaluate",
+    "hscic",
     "make",
     "make_vec",
     "register_envs",

@@ -16,6 +16,7 @@ from palr_gym._proto.palr_gym.v1 import (
     collection_service_pb2,
     environment_service_pb2,
     evaluation_service_pb2,
+    leakage_service_pb2,
     server_service_pb2,
 )
 from palr_gym.address import parse_address
@@ -108,6 +109,12 @@ EVALUATE = _method(
     "Evaluate",
     evaluation_service_pb2.EvaluateRequest,
     evaluation_service_pb2.EvaluateResponse,
+)
+ESTIMATE_LEAKAGE = _method(
+    "LeakageService",
+    "EstimateLeakage",
+    leakage_service_pb2.EstimateLeakageRequest,
+    leakage_service_pb2.EstimateLeakageResponse,
 )
 COLLECT = _method(
     "CollectionService",

@@ -34,6 +34,15 @@ def float32_tensor(array: NDArray[np.float32]) -> tensor_pb2.Tensor:
     )
 
 
+def float64_tensor(array: NDArray[np.float64]) -> tensor_pb2.Tensor:
+    """A message with the shape and elements of `array`."""
+    return tensor_pb2.Tensor(
+        dtype=tensor_pb2.DATA_TYPE_FLOAT64,
+        shape=array.shape,
+        data=np.ascontiguousarray(array, dtype=FLOAT64).tobytes(),
+    )
+
+
 def to_array(tensor: tensor_pb2.Tensor, dtype: np.dtype[Any], shape: Sequence[int]) -> NDArray[Any]:
     """The elements of `tensor`, checked against what the protocol promises. -1 matches any size.
 
