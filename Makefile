@@ -1,5 +1,5 @@
 # Each target is a line or two that a person could type. The two that matter: make demo, make test.
-.PHONY: setup demo bench test lint stubs release deps clean
+.PHONY: setup demo bench compat test lint stubs release deps clean
 
 PYTHON := .venv/bin/python
 
@@ -39,6 +39,13 @@ bench: setup
 	.venv-bench/bin/python -m pip install -q --disable-pip-version-check -r requirements/bench.txt ./client-py
 	.venv-bench/bin/python -m bench.run $(if $(ONLY),--only $(ONLY))
 
+## Tries heavy peers that `make test` does without: torch exports a policy, SB3 trains. Gigabytes.
+compat: setup
+	cargo build -p palr-gym
+	[ -x .venv-compat/bin/python ] || python3 -m venv .venv-compat
+	.venv-compat/bin/python -m pip install -q --disable-pip-version-check -r requirements/compat.txt ./client-py
+	.venv-compat/bin/python -m pytest tests/compat -W default
+
 ## Regenerates the Python stubs after a change of proto/.
 stubs: setup-test
 	$(PYTHON) scripts/generate_python_stubs.py
@@ -52,4 +59,4 @@ deps:
 	cargo deny check bans licenses sources
 
 clean:
-	rm -rf target .venv .venv-bench native
+	rm -rf target .venv .venv-bench .venv-compat native

@@ -3,6 +3,7 @@
 Nothing here measures, reads or writes.
 """
 
+import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -31,7 +32,7 @@ _HEADINGS: Mapping[str, str] = {
 
 
 class Entry(TypedDict):
-    """A figure in results.json."""
+    """A figure in results.json, in this order."""
 
     name: str
     kind: Kind
@@ -114,6 +115,13 @@ def merged(old: Iterable[Entry], new: Iterable[Entry]) -> list[Entry]:
     """`old` with the entries of `new` in the place of those with the same names, by name."""
     entries = {entry["name"]: entry for entry in old} | {entry["name"]: entry for entry in new}
     return sorted(entries.values(), key=lambda entry: _sort_key(entry["name"]))
+
+
+def as_json(entries: Iterable[Entry]) -> str:
+    """What results.json holds."""
+    keys = list(Entry.__annotations__)
+    rows = [dict(sorted(row.items(), key=lambda item: keys.index(item[0]))) for row in entries]
+    return json.dumps(rows, indent=2) + "\n"
 
 
 def tables(entries: Iterable[Entry]) -> str:

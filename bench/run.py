@@ -17,8 +17,12 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from bench.families import groups
+from bench.machine import Neighbours, cores, processor
 from bench.plan import ROOT, ContenderError, Figure, Group, Settings
-from bench.report import START_MARKER, Circumstances, Entry, entry, merged, with_tables
+from bench.report import START_MARKER, Circumstances, Entry, as_json, entry, merged, with_tables
+
+# A kernel's own housekeeping stays below this.
+_TOO_MUCH = 0.05
 
 RESULTS = ROOT / "bench" / "results.json"
 README = ROOT / "README.md"
@@ -66,6 +70,7 @@ def measure_group(
     repeats = group.repeats or settings.repeats
     for repeat in range(repeats):
         measured: dict[str, float] = {}
+        neighbours = Neighbours()
         for key in [key for key in turns if key not in failed]:
             try:
                 measured[key] = turns[key]()
@@ -74,7 +79,10 @@ def measure_group(
                 failed.add(key)
         rounds.append(measured)
         results = ", ".join(f"{key} {number:.5g}" for key, number in measured.items())
-        say(f"  {repeat + 1}/{repeats}: {results}")
+        others = neighbours.share()
+        say(f"  {repeat + 1}/{repeats}: {results} (others used {others:.0%} of the machine)")
+        if others > _TOO_MUCH:
+            say("  NOISY: the machine is not ours alone; close other programs and measure again")
     entries = [
         entry(
             figure.name,
@@ -92,18 +100,6 @@ def measure_group(
         say(f"  {result['name']} = {number} (all repeats: {result['spread']})")
     measured_names = {result["name"] for result in entries}
     return entries, [name for name in names if name not in measured_names]
-
-
-def processor() -> str:
-    """The processor's name and how many of its cores this process may use."""
-    lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    models = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
-    return f"{models[0] if models else 'unknown processor'}, {cores()} cores"
-
-
-def cores() -> int:
-    """Cores that this process may use."""
-    return len(os.sched_getaffinity(0))
 
 
 def load_results() -> list[Entry]:
@@ -178,8 +174,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         missing += left_out
         if not options.dry_run:
             # After each group: an interrupted run keeps what it has.
-            text = json.dumps(merged(load_results(), entries), indent=2)
-            save(RESULTS, text + "\n")
+            save(RESULTS, as_json(merged(load_results(), entries)))
     if not options.dry_run:
         publish_tables()
     say(f"done in {time.monotonic() - started:.0f} s")

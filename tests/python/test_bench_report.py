@@ -1,5 +1,6 @@
 """Figures from measurements to results.json and the README, without measuring anything."""
 
+import json
 from collections.abc import Mapping
 
 import pytest
@@ -12,6 +13,7 @@ from bench.report import (
     Circumstances,
     Comparison,
     Entry,
+    as_json,
     entry,
     merged,
     tables,
@@ -70,6 +72,14 @@ def test_merging_replaces_equal_names_and_keeps_the_rest_in_order() -> None:
     new = [figure(name, Comparison(2, 1)) for name in ("step.a.64", "step.a.8")]
     result = [(entry["name"], entry.get("ours")) for entry in merged(old, new)]
     assert result == [("start.x", 1), ("step.a.8", 2), ("step.a.64", 2), ("step.a.512", 1)]
+
+
+def test_results_are_written_in_the_order_of_the_format() -> None:
+    written = json.loads(as_json([figure("step.a", Comparison(1, 2))]))
+    assert list(written[0]) == [
+        *("name", "kind", "better", "ours", "reference", "ratio", "unit", "spread", "repeats"),
+        *("command", "date", "processor"),
+    ]
 
 
 def test_each_family_has_a_table() -> None:

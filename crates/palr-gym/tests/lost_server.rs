@@ -92,6 +92,34 @@ fn a_killed_server_ends_a_recording_that_then_resumes() {
     assert!(!folder.path().join("a.hdf5.part").exists());
 }
 
+/// A limit on the size of files stands for a full disk: writing fails in the same place.
+#[test]
+fn a_full_disk_keeps_what_was_recorded_and_the_recording_resumes() {
+    let folder = tempfile::tempdir().unwrap();
+    let collect = "collect --env hopper --policy random --transitions 5000 --out a.hdf5";
+    let command = |setup: &str, more: &str| {
+        let binary = env!("CARGO_BIN_EXE_palr-gym");
+        Command::new("sh")
+            .args(["-c", &format!("{setup} exec '{binary}' {collect} {more}")])
+            .current_dir(folder.path())
+            .env_remove("PALR_GYM_SERVER")
+            .stdin(Stdio::null())
+            .output()
+            .unwrap()
+    };
+    // 512 blocks of 512 bytes; the signal that would end the process is ignored.
+    let output = command("trap '' XFSZ; ulimit -f 512;", "");
+    assert_eq!(output.status.code(), Some(1));
+    let said = text(&output);
+    assert!(said.contains("a.hdf5.part: cannot write") && said.contains("are safe"), "{said}");
+    assert!(!folder.path().join("a.hdf5").exists());
+    let output = command("", "--resume --json");
+    assert!(output.status.success(), "{}", text(&output));
+    let collected: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(collected["transitions"], 5000);
+    assert!(collected["resumed_episodes"].as_u64().unwrap() > 0);
+}
+
 #[test]
 fn a_server_that_falls_silent_is_given_up_at_the_deadline() {
     let folder = tempfile::tempdir().unwrap();
