@@ -3,6 +3,7 @@
 from collections.abc import Generator
 
 import pytest
+
 from support.server_process import running_server
 
 
