@@ -4,7 +4,7 @@ use palr_gym_core::random::Generator;
 use palr_gym_core::task::ObservationEntry as Entry;
 use palr_gym_core::{ReferenceReturns, TaskSpec};
 
-use super::locomotion::{add_uniform, control_cost, is_within, observe};
+use super::locomotion::{add_uniform, control_cost, forward_outcome, is_within, observe};
 use super::{Outcome, Task};
 use crate::physics::{Physics, Scene};
 
@@ -12,7 +12,6 @@ use crate::physics::{Physics, Scene};
 const VELOCITY_BOUND: f64 = 10.0;
 const RESET_NOISE: f64 = 5e-3;
 const CONTROL_COST_WEIGHT: f32 = 1e-3;
-const HEALTHY_REWARD: f64 = 1.0;
 const HEALTHY_HEIGHT_M: (f64, f64) = (0.7, f64::INFINITY);
 const HEALTHY_ANGLE_RAD: (f64, f64) = (-0.2, 0.2);
 /// Every entry of (qpos, qvel) from the height on.
@@ -80,15 +79,8 @@ impl Task for Hopper {
         action: &[f32],
         info: &mut [f64],
     ) -> Outcome {
-        let x_position = physics.qpos()[0];
-        let x_velocity = (x_position - before_m[0]) / SPEC.control_timestep_s();
-        info.copy_from_slice(&[x_position, x_velocity]);
-        // The bonus is paid on the failing step too.
         let cost = control_cost(CONTROL_COST_WEIGHT, action);
-        Outcome {
-            reward: (x_velocity + HEALTHY_REWARD) - f64::from(cost),
-            terminated: !is_healthy(physics),
-        }
+        forward_outcome(&SPEC, physics, before_m, cost, is_healthy(physics), info)
     }
 }
 

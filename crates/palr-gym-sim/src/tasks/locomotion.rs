@@ -1,6 +1,10 @@
 //! What Gymnasium's locomotion tasks share, down to the order of additions.
 
+use palr_gym_core::TaskSpec;
 use palr_gym_core::random::Generator;
+
+use super::Outcome;
+use crate::physics::Physics;
 
 /// `weight * sum(square(action))` as NumPy computes it for float32 actions: everything in f32;
 /// fewer than eight terms are added left to right, eight pairwise.
@@ -14,6 +18,26 @@ pub(super) fn control_cost(weight: f32, action: &[f32]) -> f32 {
         _ => action.iter().map(|entry| entry * entry).sum(),
     };
     weight * sum
+}
+
+/// What hopper and walker2d pay: velocity along the track and an alive bonus of 1, minus the control
+/// cost. The bonus is paid on the failing step too.
+pub(super) fn forward_outcome(
+    spec: &TaskSpec,
+    physics: &Physics,
+    before_m: [f64; 2],
+    control_cost: f32,
+    is_healthy: bool,
+    info: &mut [f64],
+) -> Outcome {
+    const HEALTHY_REWARD: f64 = 1.0;
+    let x_position = physics.qpos()[0];
+    let x_velocity = (x_position - before_m[0]) / spec.control_timestep_s();
+    info.copy_from_slice(&[x_position, x_velocity]);
+    Outcome {
+        reward: (x_velocity + HEALTHY_REWARD) - f64::from(control_cost),
+        terminated: !is_healthy,
+    }
 }
 
 /// Adds U(-scale, scale) to each entry.
