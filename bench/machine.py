@@ -6,6 +6,8 @@ import time
 from pathlib import Path
 
 _TICKS_PER_S = os.sysconf("SC_CLK_TCK")
+# Ticks are long.
+_TELLING_S = 1.0
 # Of a line "cpu" in /proc/stat: idle and iowait.
 _IDLE = slice(3, 5)
 # Guests' time is counted in user's and nice's already.
@@ -32,12 +34,14 @@ class Neighbours:
         self._started = time.monotonic()
         self._busy_s = _busy_s() - _own_s()
 
-    def share(self) -> float:
-        """Part of all cores' time that others used since the start, 0 to 1."""
+    def share(self) -> float | None:
+        """Part of all cores' time that others used since the start; None: too soon to tell."""
+        elapsed_s = time.monotonic() - self._started
+        if elapsed_s < _TELLING_S:
+            return None
         others_s = _busy_s() - _own_s() - self._busy_s
-        available_s = (time.monotonic() - self._started) * (os.cpu_count() or 1)
         # The kernel counts in ticks: a difference can come out below zero.
-        return max(0.0, others_s / available_s)
+        return max(0.0, others_s / (elapsed_s * (os.cpu_count() or 1)))
 
 
 def _busy_s() -> float:

@@ -79,10 +79,7 @@ def measure_group(
                 failed.add(key)
         rounds.append(measured)
         results = ", ".join(f"{key} {number:.5g}" for key, number in measured.items())
-        others = neighbours.share()
-        say(f"  {repeat + 1}/{repeats}: {results} (others used {others:.0%} of the machine)")
-        if others > _TOO_MUCH:
-            say("  NOISY: the machine is not ours alone; close other programs and measure again")
+        say(f"  {repeat + 1}/{repeats}: {results}{_noise(neighbours)}")
     entries = [
         entry(
             figure.name,
@@ -100,6 +97,14 @@ def measure_group(
         say(f"  {result['name']} = {number} (all repeats: {result['spread']})")
     measured_names = {result["name"] for result in entries}
     return entries, [name for name in names if name not in measured_names]
+
+
+def _noise(neighbours: Neighbours) -> str:
+    """What a line of progress says about other programs."""
+    share = neighbours.share()
+    if share is None or share < _TOO_MUCH:
+        return ""
+    return f" NOISY: others used {share:.0%} of the machine; close them and measure again"
 
 
 def load_results() -> list[Entry]:
