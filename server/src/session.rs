@@ -12,7 +12,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use palr_gym_core::EnvSpec;
-use palr_gym_sim::{SimulationThreads, StepFrame, VectorEnv};
+use palr_gym_sim::{Job as ThreadJob, SimulationThreads, StepFrame, VectorEnv};
 use tokio::sync::oneshot;
 use uuid::Uuid;
 
@@ -180,12 +180,11 @@ impl<E: Encode> Session<E> {
     }
 
     fn schedule(self: &Arc<Self>) {
-        let session = Arc::clone(self);
-        self.threads.spawn(move || session.work());
+        self.threads.submit(Arc::clone(self) as Arc<dyn ThreadJob>);
     }
 
     /// Does one job, then queues itself again behind other sessions' work if more is waiting.
-    fn work(self: Arc<Self>) {
+    fn work(self: &Arc<Self>) {
         let Some(Job { command, reply }) = self.lock_queue().jobs.pop_front() else {
             self.lock_queue().is_scheduled = false;
             return;
@@ -233,6 +232,12 @@ impl<E: Encode> Session<E> {
 
     fn lock_queue(&self) -> MutexGuard<'_, Queue<E::Answer>> {
         lock(&self.queue)
+    }
+}
+
+impl<E: Encode> ThreadJob for Session<E> {
+    fn run(self: Arc<Self>) {
+        self.work();
     }
 }
 

@@ -53,6 +53,7 @@ fn place_sim(error: &SimError) -> Place {
         }
         SimError::Scene { .. } => place(Code::Internal, "SCENE"),
         SimError::Memory { .. } => place(Code::ResourceExhausted, "MEMORY"),
+        SimError::Engine(_) => place(Code::Internal, "ENGINE"),
         SimError::Threads { .. } => place(Code::Internal, "THREADS"),
         SimError::ActionCount { .. } => invalid("ACTION_SHAPE", "actions"),
         SimError::ActionNan { .. } => invalid("ACTION_NAN", "actions"),

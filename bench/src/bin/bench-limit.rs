@@ -77,21 +77,28 @@ fn record(
     let options = VectorOptions::default();
     let mut vector = VectorEnv::new(task, spec, workload.num_envs, options, threads)?;
     vector.reset(&[workload.seed], &[])?;
-    let starts: Vec<State> = vector.envs().map(State::of).collect();
+    let states = |vector: &VectorEnv| {
+        let mut states = Vec::with_capacity(workload.num_envs);
+        vector.for_each_env(|_, env| states.push(State::of(env)));
+        states
+    };
+    let starts = states(&vector);
     let mut resets = vec![Vec::new(); workload.num_envs];
     let mut frame = StepFrame::default();
     let mut is_over = vec![false; workload.num_envs];
     let row = actions.len() / workload.total_steps();
     for (step, actions) in actions.chunks_exact(row).enumerate() {
         vector.step(actions, &mut frame)?;
-        for (index, env) in vector.envs().enumerate().filter(|(index, _)| is_over[*index]) {
-            resets[index].push((step, State::of(env)));
-        }
+        vector.for_each_env(|index, env| {
+            if is_over[index] {
+                resets[index].push((step, State::of(env)));
+            }
+        });
         for (index, is_over) in is_over.iter_mut().enumerate() {
             *is_over = frame.terminated[index] || frame.truncated[index];
         }
     }
-    let ends = vector.envs().map(State::of);
+    let ends = states(&vector);
     let recordings = starts
         .into_iter()
         .zip(resets)

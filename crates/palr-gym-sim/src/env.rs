@@ -5,6 +5,7 @@ use std::hash::{BuildHasher, RandomState};
 use palr_gym_core::random::Generator;
 use palr_gym_core::{EnvSpec, FrameStack};
 
+use crate::divergence::Divergence;
 use crate::error::SimError;
 use crate::physics::Physics;
 use crate::tasks::Task;
@@ -16,8 +17,12 @@ pub struct Transition {
     pub reward: f64,
     /// The task ended the episode.
     pub terminated: bool,
-    /// The time limit ended the episode. Can be true together with `terminated`.
+    /// The time limit ended the episode, or the simulation diverged. Can be true together with
+    /// `terminated`.
     pub truncated: bool,
+    /// Why the simulation is no longer one of the task, if it is not. Then the reward is 0, the info
+    /// NaN, and the observation still that of the step before.
+    pub divergence: Option<Divergence>,
 }
 
 impl Transition {
@@ -59,35 +64,58 @@ impl Env {
 
     /// Starts an episode: with a seed from a new generator, without one from where the old
     /// generator stands, as Gymnasium's `reset` does.
-    pub fn reset(&mut self, seed: Option<u64>) {
+    ///
+    /// # Errors
+    /// [`SimError::Engine`] if MuJoCo fails; then only another reset helps.
+    pub fn reset(&mut self, seed: Option<u64>) -> Result<(), SimError> {
         if let Some(seed) = seed {
             self.generator = Generator::from_seed(seed);
         }
         let Self { task, physics, generator, .. } = self;
-        physics.reset(|qpos, qvel| task.perturb(generator, qpos, qvel));
+        physics.reset(|qpos, qvel| task.perturb(generator, qpos, qvel))?;
         self.elapsed_steps = 0;
         self.stack.clear();
         self.observe();
+        Ok(())
     }
 
     /// Puts the simulation into a state, keeping everything else. For tests against other
     /// simulators.
-    pub fn set_state(&mut self, qpos: &[f64], qvel: &[f64]) {
-        self.physics.set_state(qpos, qvel);
+    ///
+    /// # Errors
+    /// [`SimError::Engine`] if MuJoCo fails.
+    pub fn set_state(&mut self, qpos: &[f64], qvel: &[f64]) -> Result<(), SimError> {
+        Ok(self.physics.set_state(qpos, qvel)?)
     }
 
     /// One step. `action` has `action_size` entries, `info` one for each of the task's names.
     pub fn step(&mut self, action: &[f32], info: &mut [f64]) -> Transition {
         let spec = self.task.spec();
         let before_m = self.task.position_m(&self.physics);
-        self.physics.step(action, spec.frame_skip);
-        let outcome = self.task.outcome(&self.physics, before_m, action, info);
         self.elapsed_steps += 1;
+        let truncated = self.elapsed_steps >= spec.max_episode_steps;
+        if let Some(divergence) = self.simulate(action, spec.frame_skip) {
+            info.fill(f64::NAN);
+            let divergence = Some(divergence);
+            return Transition { reward: 0.0, terminated: false, truncated: true, divergence };
+        }
+        let outcome = self.task.outcome(&self.physics, before_m, action, info);
         self.observe();
         Transition {
             reward: outcome.reward,
             terminated: outcome.terminated,
-            truncated: self.elapsed_steps >= spec.max_episode_steps,
+            truncated,
+            divergence: None,
+        }
+    }
+
+    fn simulate(&mut self, action: &[f32], frame_skip: u32) -> Option<Divergence> {
+        match self.physics.step(action, frame_skip) {
+            Ok(()) => self.physics.divergence(),
+            Err(error) => {
+                tracing::warn!(task = self.task.spec().name, "{error}; the episode is truncated");
+                Some(Divergence::EngineError)
+            }
         }
     }
 

@@ -2,6 +2,8 @@
 
 use palr_gym_core::EnvIdError;
 
+use crate::guard::EngineError;
+
 /// Why an environment could not be made, reset or stepped.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum SimError {
@@ -36,6 +38,9 @@ pub enum SimError {
         /// What MuJoCo said.
         message: String,
     },
+    /// MuJoCo failed in a reset.
+    #[error(transparent)]
+    Engine(#[from] EngineError),
     /// No thread could be started.
     #[error("cannot start {threads} simulation threads: {message}")]
     Threads {

@@ -2,21 +2,30 @@
 //!
 //! # Layout
 //! - [`tasks`]: the registry, and one file a task (dynamics, reward, termination, reset).
-//! - [`physics`]: MuJoCo's model and data, and nothing of any task.
+//! - [`physics`]: MuJoCo's model and data, and nothing of any task; [`guard`] around its errors,
+//!   [`divergence`] for states that are none.
 //! - [`mod@env`]: one environment: task + mask + frame stack + time limit + generator.
-//! - [`vector`]: N of them, stepped together by the simulation threads.
+//! - [`vector`]: N of them, stepped together.
+//! - [`threads`], [`parts`]: the simulation threads, and work that they share.
 //! - [`mujoco_log`]: where MuJoCo's own messages go.
 //!
 //! Not here: sessions, clients, policies.
 
+pub mod divergence;
 pub mod env;
 pub mod error;
+pub mod guard;
 pub mod mujoco_log;
+pub mod parts;
 pub mod physics;
 pub mod tasks;
+pub mod threads;
 pub mod vector;
 
+pub use divergence::Divergence;
 pub use env::{Env, Transition};
 pub use error::SimError;
+pub use parts::{Part, Parts};
 pub use tasks::{Task, resolve};
-pub use vector::{SimulationThreads, StepFrame, VectorEnv, VectorOptions};
+pub use threads::{Job, SimulationThreads};
+pub use vector::{StepFrame, VectorEnv, VectorOptions};

@@ -1,17 +1,11 @@
 //! Where MuJoCo's own messages go.
-#![allow(unsafe_code, reason = "MuJoCo's log handler is a process-wide global")]
 
-use std::sync::Once;
+use crate::guard;
 
-static ROUTED: Once = Once::new();
-
-/// Sends MuJoCo's warnings and errors to the `log` crate (and so to `tracing`) instead of to the
-/// console and a file in the working directory. Call it first thing in `main`.
+/// Sends MuJoCo's warnings and errors to `tracing` instead of to the console and a file in the
+/// working directory. Compiling a scene does it too; call it first thing in `main` to be early.
 pub fn route_to_log() {
-    ROUTED.call_once(|| {
-        // SAFETY: called at the start of the program, before any thread uses MuJoCo.
-        unsafe { mujoco_rs::logging::install_logging_hook() };
-    });
+    guard::install();
 }
 
 /// Version of the MuJoCo library that is linked, such as "3.17.0".

@@ -4,12 +4,25 @@ use std::sync::{Arc, OnceLock};
 
 use mujoco_rs::prelude::{MjData, MjModel};
 
+use crate::divergence::Divergence;
 use crate::error::SimError;
+use crate::guard::{self, EngineError};
 
 /// The state of one simulation. It lives on one thread at a time.
 #[derive(Debug)]
 pub struct Physics {
+    model: Arc<MjModel>,
     data: MjData<Arc<MjModel>>,
+    /// Where a reset composes the state from which it starts.
+    start: Start,
+    /// MuJoCo gave up in the middle: what is in `data` is good for nothing.
+    is_broken: bool,
+}
+
+#[derive(Debug)]
+struct Start {
+    qpos: Vec<f64>,
+    qvel: Vec<f64>,
 }
 
 /// A task's MJCF scene, compiled when it is first needed and then shared by all environments.
@@ -33,6 +46,7 @@ impl Scene {
     pub fn model(&self) -> Result<Arc<MjModel>, SimError> {
         self.model
             .get_or_init(|| {
+                guard::install();
                 MjModel::from_xml_string(self.mjcf).map(Arc::new).map_err(|error| SimError::Scene {
                     task: self.task,
                     message: error.to_string(),
@@ -48,9 +62,11 @@ impl Physics {
     /// # Errors
     /// [`SimError::Scene`], or [`SimError::Memory`] if MuJoCo cannot allocate.
     pub(crate) fn new(scene: &Scene) -> Result<Self, SimError> {
-        MjData::try_new(scene.model()?)
-            .map(|data| Self { data })
-            .map_err(|error| SimError::Memory { task: scene.task, message: error.to_string() })
+        let model = scene.model()?;
+        let data = MjData::try_new(Arc::clone(&model))
+            .map_err(|error| SimError::Memory { task: scene.task, message: error.to_string() })?;
+        let start = Start { qpos: data.qpos().to_vec(), qvel: data.qvel().to_vec() };
+        Ok(Self { model, data, start, is_broken: false })
     }
 
     /// Generalised positions.
@@ -73,31 +89,75 @@ impl Physics {
     }
 
     /// Back to the model's initial state, then moved by `perturb(qpos, qvel)`.
-    pub(crate) fn reset(&mut self, perturb: impl FnOnce(&mut [f64], &mut [f64])) {
-        self.data.reset();
-        let mut qpos = self.data.qpos().to_vec();
-        let mut qvel = self.data.qvel().to_vec();
-        perturb(&mut qpos, &mut qvel);
-        self.set_state(&qpos, &qvel);
+    ///
+    /// # Errors
+    /// If MuJoCo fails.
+    pub(crate) fn reset(
+        &mut self,
+        perturb: impl FnOnce(&mut [f64], &mut [f64]),
+    ) -> Result<(), EngineError> {
+        self.clear()?;
+        self.start.qpos.copy_from_slice(self.data.qpos());
+        self.start.qvel.copy_from_slice(self.data.qvel());
+        let Start { qpos, qvel } = &mut self.start;
+        perturb(qpos, qvel);
+        self.data.qpos_mut().copy_from_slice(&self.start.qpos);
+        self.data.qvel_mut().copy_from_slice(&self.start.qvel);
+        self.forward()
+    }
+
+    /// The model's initial state, without anything that follows from it.
+    fn clear(&mut self) -> Result<(), EngineError> {
+        if self.is_broken {
+            self.data = MjData::try_new(Arc::clone(&self.model))
+                .map_err(|error| EngineError { message: error.to_string() })?;
+            self.is_broken = false;
+        } else {
+            self.data.reset();
+        }
+        Ok(())
     }
 
     /// Sets positions and velocities and computes what follows from them (`mj_forward`), as
     /// Gymnasium's `set_state` does.
     ///
     /// Lengths are those of [`qpos`](Self::qpos) and [`qvel`](Self::qvel).
-    pub(crate) fn set_state(&mut self, qpos: &[f64], qvel: &[f64]) {
+    pub(crate) fn set_state(&mut self, qpos: &[f64], qvel: &[f64]) -> Result<(), EngineError> {
         self.data.qpos_mut().copy_from_slice(qpos);
         self.data.qvel_mut().copy_from_slice(qvel);
-        self.data.forward();
+        self.forward()
+    }
+
+    fn forward(&mut self) -> Result<(), EngineError> {
+        let done = guard::forward(&mut self.data);
+        self.is_broken = done.is_err();
+        done
     }
 
     /// Holds `action` for `frame_skip` physics steps.
-    pub(crate) fn step(&mut self, action: &[f32], frame_skip: u32) {
+    ///
+    /// # Errors
+    /// If MuJoCo fails; then only [`reset`](Self::reset) helps.
+    pub(crate) fn step(&mut self, action: &[f32], frame_skip: u32) -> Result<(), EngineError> {
         for (control, &entry) in self.data.ctrl_mut().iter_mut().zip(action) {
             *control = f64::from(entry);
         }
-        for _ in 0..frame_skip {
-            self.data.step();
+        let done = guard::step(&mut self.data, frame_skip);
+        self.is_broken = done.is_err();
+        done
+    }
+
+    /// What is wrong with the state, if anything is.
+    ///
+    /// MuJoCo counts its warnings since the last reset; after some of them it has put the initial
+    /// state in place of the one that went wrong.
+    #[must_use]
+    pub fn divergence(&self) -> Option<Divergence> {
+        let warned = self.data.warning().iter().position(|warning| warning.number > 0);
+        if let Some(index) = warned {
+            return Some(Divergence::of_warning(index));
         }
+        let is_finite = self.qpos().iter().chain(self.qvel()).all(|entry| entry.is_finite());
+        (!is_finite).then_some(Divergence::NotFinite)
     }
 }

@@ -1,56 +1,27 @@
 //! N environments that step together.
 
+mod frame;
+mod piece;
+
 use std::sync::Arc;
 
 use palr_gym_core::{AutoresetMode, EnvSpec, OutOfBounds};
-use rayon::prelude::*;
 
-use crate::env::{Env, Transition};
+use crate::env::Env;
 use crate::error::SimError;
+use crate::parts::Parts;
 use crate::tasks::Task;
+use crate::threads::SimulationThreads;
 
-/// The threads on which simulations run, shared by all sessions of a process.
-///
-/// Environments are handed out to threads piece by piece, so a thread that the system holds up
-/// does not hold up the others; which thread steps an environment changes no bit of the result.
-#[derive(Debug, Clone)]
-pub struct SimulationThreads {
-    pool: Arc<rayon::ThreadPool>,
-}
+pub use frame::{DivergedEpisode, StepFrame};
+use piece::{Order, Piece, ResetOrder, Slot};
 
-impl SimulationThreads {
-    /// Starts `threads` of them.
-    ///
-    /// # Errors
-    /// [`SimError::Threads`] if the system refuses.
-    pub fn start(threads: usize) -> Result<Self, SimError> {
-        rayon::ThreadPoolBuilder::new()
-            .num_threads(threads)
-            .thread_name(|index| format!("sim-{index}"))
-            .build()
-            .map(|pool| Self { pool: Arc::new(pool) })
-            .map_err(|error| SimError::Threads { threads, message: error.to_string() })
-    }
-
-    /// How many there are.
-    #[must_use]
-    pub fn count(&self) -> usize {
-        self.pool.current_num_threads()
-    }
-
-    /// Runs `job` on one of the threads, jobs of one caller in order, and returns at once.
-    pub fn spawn(&self, job: impl FnOnce() + Send + 'static) {
-        self.pool.spawn_fifo(job);
-    }
-
-    /// Runs `job` on one of the threads and waits for it.
-    pub fn run<R: Send>(&self, job: impl FnOnce() -> R + Send) -> R {
-        self.pool.install(job)
-    }
-}
+/// Pieces that a vector is cut into at most: enough for threads to end at the same time, few enough
+/// to hand out.
+const MAX_PIECES: usize = 256;
 
 /// How a vector of environments treats ends and actions.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct VectorOptions {
     /// What happens to an environment whose episode has ended.
     pub autoreset_mode: AutoresetMode,
@@ -58,49 +29,15 @@ pub struct VectorOptions {
     pub out_of_bounds: OutOfBounds,
 }
 
-/// What a step returns for N environments, in row-major order. The buffers are reused.
-#[derive(Debug, Clone, Default)]
-pub struct StepFrame {
-    /// `[num_envs, observation_size]`.
-    pub observations: Vec<f64>,
-    /// `[num_envs]`.
-    pub rewards: Vec<f64>,
-    /// `[num_envs]`.
-    pub terminated: Vec<bool>,
-    /// `[num_envs]`.
-    pub truncated: Vec<bool>,
-    /// `[num_envs, info_names]`; NaN in rows that this step reset.
-    pub info: Vec<f64>,
-    /// `[num_envs, observation_size]`; SAME_STEP only, and valid only in the rows whose episode
-    /// this step ended.
-    pub final_observations: Vec<f64>,
-}
-
-/// One environment in the vector, with what autoreset needs to know.
-struct Slot {
-    env: Env,
-    /// The episode has ended and a reset is due.
-    is_over: bool,
-}
-
 /// N environments of one kind.
 pub struct VectorEnv {
     spec: Arc<EnvSpec>,
-    slots: Vec<Slot>,
     options: VectorOptions,
-    threads: SimulationThreads,
-    clipped: Vec<f32>,
+    num_envs: usize,
+    /// Neighbouring environments, each piece but the last one with `piece_len` of them.
+    pieces: Parts<Piece>,
+    piece_len: usize,
     was_reset: bool,
-}
-
-/// The rows of a [`StepFrame`] that belong to one environment.
-struct Row<'a> {
-    observation: &'a mut [f64],
-    reward: &'a mut f64,
-    terminated: &'a mut bool,
-    truncated: &'a mut bool,
-    info: &'a mut [f64],
-    final_observation: Option<&'a mut [f64]>,
 }
 
 impl VectorEnv {
@@ -115,11 +52,19 @@ impl VectorEnv {
         options: VectorOptions,
         threads: SimulationThreads,
     ) -> Result<Self, SimError> {
-        let slots = (0..num_envs)
-            .map(|_| Env::new(task, &spec).map(|env| Slot { env, is_over: false }))
-            .collect::<Result<_, _>>()?;
         let spec = Arc::new(spec);
-        Ok(Self { spec, slots, options, threads, clipped: Vec::new(), was_reset: false })
+        let piece_len = num_envs.div_ceil(MAX_PIECES).max(1);
+        let mut slots = (0..num_envs)
+            .map(|_| Env::new(task, &spec).map(Slot::new))
+            .collect::<Result<Vec<_>, _>>()?;
+        let mut pieces = Vec::new();
+        while !slots.is_empty() {
+            let rest = slots.split_off(piece_len.min(slots.len()));
+            let slots = std::mem::replace(&mut slots, rest);
+            pieces.push(Piece::new(slots, Arc::clone(&spec), options.autoreset_mode));
+        }
+        let pieces = Parts::new(pieces, threads);
+        Ok(Self { spec, options, num_envs, pieces, piece_len, was_reset: false })
     }
 
     /// What the environments are.
@@ -128,21 +73,31 @@ impl VectorEnv {
         &self.spec
     }
 
+    /// How ends and actions are treated.
+    #[must_use]
+    pub fn options(&self) -> VectorOptions {
+        self.options
+    }
+
     /// Number of environments.
     #[must_use]
     pub fn len(&self) -> usize {
-        self.slots.len()
+        self.num_envs
     }
 
     /// True for a vector without environments.
     #[must_use]
     pub fn is_empty(&self) -> bool {
-        self.slots.is_empty()
+        self.num_envs == 0
     }
 
-    /// The environments, in order.
-    pub fn envs(&self) -> impl ExactSizeIterator<Item = &Env> {
-        self.slots.iter().map(|slot| &slot.env)
+    /// Shows `look` every environment with its index, in order.
+    pub fn for_each_env(&self, mut look: impl FnMut(usize, &Env)) {
+        for (i, piece) in self.pieces.iter().enumerate() {
+            for (j, slot) in piece.slots.iter().enumerate() {
+                look(i * self.piece_len + j, &slot.env);
+            }
+        }
     }
 
     /// Starts new episodes.
@@ -153,8 +108,9 @@ impl VectorEnv {
     ///
     /// # Errors
     /// [`SimError::SeedCount`] or [`SimError::EnvIndex`]; then nothing was reset.
+    /// [`SimError::Engine`] if MuJoCo failed for one of them; the others were reset.
     pub fn reset(&mut self, seeds: &[u64], indices: &[usize]) -> Result<(), SimError> {
-        let num_envs = self.len();
+        let num_envs = self.num_envs;
         if seeds.len() > 1 && seeds.len() != num_envs {
             return Err(SimError::SeedCount { got: seeds.len(), num_envs });
         }
@@ -165,35 +121,34 @@ impl VectorEnv {
             }
             previous = Some(got);
         }
-        let is_chosen = |index: &usize| indices.is_empty() || indices.binary_search(index).is_ok();
+        // Environments that were never reset have no observation yet: give them one.
+        let was_reset = std::mem::replace(&mut self.was_reset, true);
+        let is_chosen = |index: usize| {
+            !was_reset || indices.is_empty() || indices.binary_search(&index).is_ok()
+        };
         let seed_of = |index: usize| match *seeds {
             [] => None,
             [seed] => Some(seed.wrapping_add(index as u64)),
             _ => Some(seeds[index]),
         };
-        let reset = |(index, slot): (usize, &mut Slot)| {
-            slot.env.reset(seed_of(index));
-            slot.is_over = false;
-        };
-        // Environments that were never reset have no observation yet: give them one.
-        let was_reset = std::mem::replace(&mut self.was_reset, true);
-        let slots = &mut self.slots;
-        self.threads.run(|| {
-            slots
-                .par_iter_mut()
-                .enumerate()
-                .filter(|(index, _)| !was_reset || is_chosen(index))
-                .for_each(reset);
-        });
-        Ok(())
+        for (i, mut piece) in self.pieces.iter().enumerate() {
+            piece.order = Order::Reset;
+            for (j, slot) in piece.slots.iter_mut().enumerate() {
+                let index = i * self.piece_len + j;
+                slot.reset_order = is_chosen(index).then(|| ResetOrder { seed: seed_of(index) });
+            }
+        }
+        self.pieces.work();
+        match self.pieces.iter().find_map(|mut piece| piece.failure.take()) {
+            Some(error) => Err(error),
+            None => Ok(()),
+        }
     }
 
     /// Copies every current observation, `[num_envs, observation_size]`.
     pub fn observations_into(&self, observations: &mut Vec<f64>) {
         observations.clear();
-        for slot in &self.slots {
-            observations.extend_from_slice(slot.env.observation());
-        }
+        self.for_each_env(|_, env| observations.extend_from_slice(env.observation()));
     }
 
     /// Steps every environment once with its row of `actions`, `[num_envs, action_size]`.
@@ -202,31 +157,69 @@ impl VectorEnv {
     /// Any of the action errors, [`SimError::ResetNeeded`] or [`SimError::NeverReset`]; then
     /// nothing was stepped.
     pub fn step(&mut self, actions: &[f32], frame: &mut StepFrame) -> Result<(), SimError> {
-        self.check(actions)?;
-        let clip = self.options.out_of_bounds == OutOfBounds::Clip;
-        if clip {
-            self.clipped.clear();
-            self.clipped.extend(actions.iter().map(|entry| entry.clamp(-1.0, 1.0)));
+        self.step_open_loop(actions, 1, frame)
+    }
+
+    /// Takes `steps` steps, the k-th with row k of `actions`, `[steps, num_envs, action_size]`:
+    /// the same as as many calls of [`step`](Self::step).
+    ///
+    /// With [`AutoresetMode::Disabled`] the first step in which an episode ends is the last one:
+    /// `frame` then holds fewer steps.
+    ///
+    /// # Errors
+    /// As by [`step`](Self::step); then no step was taken.
+    pub fn step_open_loop(
+        &mut self,
+        actions: &[f32],
+        steps: usize,
+        frame: &mut StepFrame,
+    ) -> Result<(), SimError> {
+        self.check(actions, steps)?;
+        frame.resize(steps, self.num_envs, &self.spec, self.options.autoreset_mode);
+        frame.diverged.clear();
+        if self.options.autoreset_mode == AutoresetMode::Disabled {
+            let row = self.num_envs * self.spec.action_size();
+            for step in 0..steps {
+                self.take_steps(&actions[step * row..(step + 1) * row], step, 1, frame);
+                if frame.has_end(step) {
+                    frame.resize(step + 1, self.num_envs, &self.spec, AutoresetMode::Disabled);
+                    break;
+                }
+            }
+        } else {
+            self.take_steps(actions, 0, steps, frame);
         }
-        let actions = if clip { self.clipped.as_slice() } else { actions };
-        let mode = self.options.autoreset_mode;
-        frame.resize(self.slots.len(), &self.spec, mode);
-        let action_size = self.spec.action_size();
-        let rows = frame.rows(&self.spec);
-        let slots = &mut self.slots;
-        self.threads.run(|| {
-            slots
-                .par_iter_mut()
-                .zip(actions.par_chunks_exact(action_size))
-                .zip(rows)
-                .for_each(|((slot, action), row)| slot.step(action, mode, row));
-        });
         Ok(())
     }
 
-    fn check(&self, actions: &[f32]) -> Result<(), SimError> {
-        let (num_envs, action_size) = (self.slots.len(), self.spec.action_size());
-        if actions.len() != num_envs * action_size {
+    /// Takes `steps` steps and writes what they return into the rows of `frame` from `first` on.
+    fn take_steps(&mut self, actions: &[f32], first: usize, steps: usize, frame: &mut StepFrame) {
+        let clips = self.options.out_of_bounds == OutOfBounds::Clip;
+        let (num_envs, action_size) = (self.num_envs, self.spec.action_size());
+        for (i, mut piece) in self.pieces.iter().enumerate() {
+            let Piece { order, slots, actions: own, .. } = &mut *piece;
+            *order = Order::Step { steps };
+            own.clear();
+            for step in 0..steps {
+                let begin = (step * num_envs + i * self.piece_len) * action_size;
+                let rows = &actions[begin..begin + slots.len() * action_size];
+                if clips {
+                    own.extend(rows.iter().map(|entry| entry.clamp(-1.0, 1.0)));
+                } else {
+                    own.extend_from_slice(rows);
+                }
+            }
+        }
+        self.pieces.work();
+        for (i, piece) in self.pieces.iter().enumerate() {
+            frame.take_in(&piece.frame, first, i * self.piece_len);
+        }
+        frame.sort_divergences();
+    }
+
+    fn check(&self, actions: &[f32], steps: usize) -> Result<(), SimError> {
+        let (num_envs, action_size) = (self.num_envs, self.spec.action_size());
+        if steps == 0 || actions.len() != steps * num_envs * action_size {
             return Err(SimError::ActionCount { got: actions.len(), num_envs, action_size });
         }
         if !self.was_reset {
@@ -236,7 +229,7 @@ impl VectorEnv {
         let offending =
             actions.iter().position(|entry| entry.is_nan() || (rejects && entry.abs() > 1.0));
         if let Some(position) = offending {
-            let (env_index, index) = (position / action_size, position % action_size);
+            let (env_index, index) = (position / action_size % num_envs, position % action_size);
             let name = self.spec.task.action_names[index];
             let got = actions[position];
             return Err(if got.is_nan() {
@@ -245,71 +238,20 @@ impl VectorEnv {
                 SimError::ActionOutOfBounds { env_index, index, name, got }
             });
         }
-        if self.options.autoreset_mode == AutoresetMode::Disabled
-            && let Some(env_index) = self.slots.iter().position(|slot| slot.is_over)
-        {
-            return Err(SimError::ResetNeeded { env_index });
+        if self.options.autoreset_mode == AutoresetMode::Disabled {
+            let ended = |(i, piece): (usize, std::sync::MutexGuard<'_, Piece>)| {
+                let over = piece.slots.iter().position(|slot| slot.is_over)?;
+                Some(i * self.piece_len + over)
+            };
+            if let Some(env_index) = self.pieces.iter().enumerate().find_map(ended) {
+                return Err(SimError::ResetNeeded { env_index });
+            }
         }
         Ok(())
     }
 }
 
-impl StepFrame {
-    fn resize(&mut self, num_envs: usize, spec: &EnvSpec, mode: AutoresetMode) {
-        let observation_count = num_envs * spec.observation_size();
-        self.observations.resize(observation_count, 0.0);
-        self.rewards.resize(num_envs, 0.0);
-        self.terminated.resize(num_envs, false);
-        self.truncated.resize(num_envs, false);
-        self.info.resize(num_envs * spec.task.info_names.len(), 0.0);
-        let has_final = mode == AutoresetMode::SameStep;
-        self.final_observations.resize(if has_final { observation_count } else { 0 }, 0.0);
-    }
-
-    fn rows(&mut self, spec: &EnvSpec) -> impl IndexedParallelIterator<Item = Row<'_>> {
-        let size = spec.observation_size();
-        let finals: Vec<_> = if self.final_observations.is_empty() {
-            self.rewards.iter().map(|_| None).collect()
-        } else {
-            self.final_observations.chunks_exact_mut(size).map(Some).collect()
-        };
-        self.observations
-            .par_chunks_exact_mut(size)
-            .zip(&mut self.rewards)
-            .zip(&mut self.terminated)
-            .zip(&mut self.truncated)
-            .zip(self.info.par_chunks_exact_mut(spec.task.info_names.len()))
-            .zip(finals)
-            .map(|(((((observation, reward), terminated), truncated), info), final_observation)| {
-                Row { observation, reward, terminated, truncated, info, final_observation }
-            })
-    }
-}
-
-impl Slot {
-    fn step(&mut self, action: &[f32], mode: AutoresetMode, row: Row<'_>) {
-        let transition = if self.is_over {
-            // NEXT_STEP: this step's action is ignored. (DISABLED never comes here.)
-            self.env.reset(None);
-            row.info.fill(f64::NAN);
-            Transition { reward: 0.0, terminated: false, truncated: false }
-        } else {
-            self.env.step(action, row.info)
-        };
-        self.is_over = transition.is_last();
-        if self.is_over && mode == AutoresetMode::SameStep {
-            if let Some(final_observation) = row.final_observation {
-                final_observation.copy_from_slice(self.env.observation());
-            }
-            self.env.reset(None);
-            self.is_over = false;
-        }
-        row.observation.copy_from_slice(self.env.observation());
-        *row.reward = transition.reward;
-        *row.terminated = transition.terminated;
-        *row.truncated = transition.truncated;
-    }
-}
-
+#[cfg(test)]
+mod divergence_tests;
 #[cfg(test)]
 mod tests;

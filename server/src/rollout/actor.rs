@@ -2,8 +2,9 @@
 
 use palr_gym_core::{ActionMode, EnvSpec, tanh_gaussian};
 use palr_gym_onnx::{OnnxError, Policy, PolicyLimits, PolicyOutput};
+use palr_gym_sim::Parts;
 
-use super::play::Slot;
+use super::play::{Log, Seat};
 use crate::error::ServerError;
 use crate::experts::{EXPERTS, expert, sha256};
 
@@ -89,27 +90,29 @@ impl Actor {
     }
 
     /// Fills the actions of every slot that is playing.
-    pub(super) fn act(&mut self, slots: &mut [Slot]) -> Result<(), ServerError> {
+    pub(super) fn act<L: Log>(&mut self, seats: &Parts<Seat<L>>) -> Result<(), ServerError> {
         match self {
             Self::Random => {
-                for slot in slots.iter_mut().filter(|slot| slot.is_playing()) {
+                for mut seat in seats.iter().filter(|seat| seat.slot.is_playing()) {
+                    let slot = &mut seat.slot;
                     for entry in &mut slot.action {
                         *entry = slot.generator.uniform(-1.0, 1.0) as f32;
                     }
                 }
                 Ok(())
             }
-            Self::Model(model) => model.act(slots),
+            Self::Model(model) => model.act(seats),
         }
     }
 }
 
 impl ModelActor {
-    fn act(&mut self, slots: &mut [Slot]) -> Result<(), ServerError> {
+    fn act<L: Log>(&mut self, seats: &Parts<Seat<L>>) -> Result<(), ServerError> {
         self.observations.clear();
-        self.observations.resize(slots.len() * self.observation_size, 0.0);
+        self.observations.resize(seats.len() * self.observation_size, 0.0);
         let rows = self.observations.chunks_exact_mut(self.observation_size);
-        for (slot, row) in slots.iter().zip(rows).filter(|(slot, _)| slot.is_playing()) {
+        for (seat, row) in seats.iter().zip(rows).filter(|(seat, _)| seat.slot.is_playing()) {
+            let slot = &seat.slot;
             let observation = if self.sees_full_observation {
                 slot.env.full_observation()
             } else {
@@ -121,10 +124,12 @@ impl ModelActor {
         }
         let output = self
             .policy
-            .act(&self.observations, slots.len())
-            .map_err(|source| blame(source, slots))?;
-        let size = output.action.len() / slots.len();
-        for (row, slot) in slots.iter_mut().enumerate().filter(|(_, slot)| slot.is_playing()) {
+            .act(&self.observations, seats.len())
+            .map_err(|source| blame(source, seats))?;
+        let size = output.action.len() / seats.len();
+        let playing = seats.iter().enumerate().filter(|(_, seat)| seat.slot.is_playing());
+        for (row, mut seat) in playing {
+            let slot = &mut seat.slot;
             let range = row * size..(row + 1) * size;
             match (&output, self.action_mode) {
                 (
@@ -150,12 +155,12 @@ impl ModelActor {
 }
 
 /// Says in which episode and step a policy failed, if the failing row is one of a playing slot.
-fn blame(source: OnnxError, slots: &[Slot]) -> ServerError {
-    let slot = match &source {
-        OnnxError::NotFinite { row, .. } => slots.get(*row),
-        _ => slots.iter().find(|slot| slot.is_playing()),
+fn blame<L: Log>(source: OnnxError, seats: &Parts<Seat<L>>) -> ServerError {
+    let seat = match &source {
+        OnnxError::NotFinite { row, .. } => (*row < seats.len()).then(|| seats.get(*row)),
+        _ => seats.iter().find(|seat| seat.slot.is_playing()),
     };
-    match slot.and_then(|slot| slot.episode.map(|episode| (episode, slot.length))) {
+    match seat.and_then(|seat| seat.slot.episode.map(|episode| (episode, seat.slot.length))) {
         Some((episode, step)) => ServerError::PolicyInEpisode { episode, step, source },
         None => ServerError::Policy(source),
     }

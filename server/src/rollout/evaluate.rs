@@ -76,10 +76,6 @@ impl<F: FnMut(EpisodeResult) -> bool + Sync> Observer for Evaluation<'_, F> {
         })
     }
 
-    fn before_step(&self, _: &Slot, (): &mut ()) {}
-
-    fn after_step(&self, _: &Slot, _: Transition, (): &mut ()) {}
-
     fn ended(&mut self, slot: &Slot, transition: Transition, (): ()) -> bool {
         let Some(index) = slot.episode else { return true };
         let result = EpisodeResult {

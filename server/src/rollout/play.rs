@@ -2,8 +2,7 @@
 
 use palr_gym_core::EnvSpec;
 use palr_gym_core::random::Generator;
-use palr_gym_sim::{Env, SimulationThreads, Task, Transition};
-use rayon::prelude::*;
+use palr_gym_sim::{Env, Part, Parts, SimulationThreads, Task, Transition};
 use tokio_util::sync::CancellationToken;
 
 use super::actor::Actor;
@@ -55,22 +54,47 @@ impl Slot {
     }
 }
 
-/// Someone who decides which episodes are played and looks on.
-pub(super) trait Observer: Sync {
-    /// What is kept for each slot.
-    type Log: Default + Send;
+/// What is kept of a slot's episode while it is played, on the thread that simulates it.
+pub(super) trait Log: Default + Send + 'static {
+    /// Before a step: `slot` holds the observation and the action.
+    fn before_step(&mut self, slot: &Slot);
+
+    /// After a step: `slot` holds what followed.
+    fn after_step(&mut self, slot: &Slot, transition: Transition);
+}
+
+/// Nothing is kept.
+impl Log for () {
+    fn before_step(&mut self, _: &Slot) {}
+
+    fn after_step(&mut self, _: &Slot, _: Transition) {}
+}
+
+/// Someone who decides which episodes are played and takes their logs.
+pub(super) trait Observer {
+    /// What is kept of each episode.
+    type Log: Log;
 
     /// The next episode to start, given the number that are playing; `None` if there is none now.
     fn next_episode(&mut self, playing: usize) -> Option<u32>;
 
-    /// Before a step: `slot` holds the observation and the action.
-    fn before_step(&self, slot: &Slot, log: &mut Self::Log);
-
-    /// After a step: `slot` holds what followed.
-    fn after_step(&self, slot: &Slot, transition: Transition, log: &mut Self::Log);
-
     /// The slot's episode has ended. `false` ends the whole rollout.
     fn ended(&mut self, slot: &Slot, transition: Transition, log: Self::Log) -> bool;
+}
+
+/// A slot with its log: what a simulation thread works on.
+pub(super) struct Seat<L> {
+    pub(super) slot: Slot,
+    log: L,
+    /// What the last step of a playing slot came to.
+    transition: Option<Transition>,
+}
+
+impl<L: Log> Part for Seat<L> {
+    fn work(&mut self) {
+        let Self { slot, log, transition } = self;
+        *transition = slot.is_playing().then(|| step(slot, log));
+    }
 }
 
 /// Plays until the observer has no more episodes and none is playing.
@@ -82,9 +106,9 @@ pub(super) fn play<O: Observer>(
     actor: &mut Actor,
     observer: &mut O,
 ) -> Result<(), ServerError> {
-    let mut slots = (0..plan.num_envs)
+    let seats = (0..plan.num_envs)
         .map(|_| {
-            Ok(Slot {
+            let slot = Slot {
                 env: Env::new(plan.task, &plan.spec)?,
                 episode: None,
                 generator: Generator::from_seed(0),
@@ -93,57 +117,57 @@ pub(super) fn play<O: Observer>(
                 info: vec![0.0; plan.spec.task.info_names.len()],
                 length: 0,
                 episode_return: 0.0,
-            })
+            };
+            Ok(Seat { slot, log: O::Log::default(), transition: None })
         })
-        .collect::<Result<Vec<Slot>, ServerError>>()?;
-    let mut logs: Vec<O::Log> = slots.iter().map(|_| O::Log::default()).collect();
+        .collect::<Result<Vec<_>, ServerError>>()?;
+    let mut seats = Parts::new(seats, plan.threads.clone());
     loop {
         if plan.cancelled.is_cancelled() {
             return Err(ServerError::Cancelled);
         }
-        start_episodes(plan, &mut slots, observer);
-        if !slots.iter().any(Slot::is_playing) {
+        start_episodes(plan, &seats, observer)?;
+        if !seats.iter().any(|seat| seat.slot.is_playing()) {
             return Ok(());
         }
-        actor.act(&mut slots)?;
-        let looking = &*observer;
-        let transitions: Vec<Option<Transition>> = plan.threads.run(|| {
-            slots
-                .par_iter_mut()
-                .zip(&mut logs)
-                .map(|(slot, log)| slot.is_playing().then(|| step(slot, looking, log)))
-                .collect()
-        });
-        for (i, transition) in transitions.into_iter().enumerate() {
+        actor.act(&seats)?;
+        seats.work();
+        for mut seat in seats.iter() {
+            let Seat { slot, log, transition } = &mut *seat;
             let Some(transition) = transition.filter(Transition::is_last) else { continue };
-            let log = std::mem::take(&mut logs[i]);
-            if !observer.ended(&slots[i], transition, log) {
+            if !observer.ended(slot, transition, std::mem::take(log)) {
                 return Ok(());
             }
-            slots[i].episode = None;
+            slot.episode = None;
         }
     }
 }
 
-fn start_episodes<O: Observer>(plan: &Plan, slots: &mut [Slot], observer: &mut O) {
-    let playing = slots.iter().filter(|slot| slot.is_playing()).count();
-    let free = slots.iter_mut().filter(|slot| !slot.is_playing());
-    for (playing, slot) in (playing..).zip(free) {
-        let Some(index) = observer.next_episode(playing) else { return };
+fn start_episodes<O: Observer>(
+    plan: &Plan,
+    seats: &Parts<Seat<O::Log>>,
+    observer: &mut O,
+) -> Result<(), ServerError> {
+    let playing = seats.iter().filter(|seat| seat.slot.is_playing()).count();
+    let free = seats.iter().filter(|seat| !seat.slot.is_playing());
+    for (playing, mut seat) in (playing..).zip(free) {
+        let Some(index) = observer.next_episode(playing) else { break };
         let seed = plan.seed_of(index);
+        let slot = &mut seat.slot;
         slot.episode = Some(index);
         slot.generator = Generator::from_seed_and_stream(seed, STREAM_OF_ACTIONS);
-        slot.env.reset(Some(seed));
+        slot.env.reset(Some(seed))?;
         slot.length = 0;
         slot.episode_return = 0.0;
     }
+    Ok(())
 }
 
-fn step<O: Observer>(slot: &mut Slot, observer: &O, log: &mut O::Log) -> Transition {
-    observer.before_step(slot, log);
+fn step<L: Log>(slot: &mut Slot, log: &mut L) -> Transition {
+    log.before_step(slot);
     let transition = slot.env.step(&slot.action, &mut slot.info);
     slot.length += 1;
     slot.episode_return += transition.reward;
-    observer.after_step(slot, transition, log);
+    log.after_step(slot, transition);
     transition
 }

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use palr_gym_sim::Transition;
 
 use super::actor::Actor;
-use super::play::{Observer, Plan, Slot, play};
+use super::play::{Log, Observer, Plan, Slot, play};
 use crate::error::ServerError;
 
 /// How much to collect.
@@ -77,6 +77,21 @@ impl EpisodeTransitions {
     }
 }
 
+impl Log for EpisodeTransitions {
+    fn before_step(&mut self, slot: &Slot) {
+        self.observations.extend_from_slice(slot.env.observation());
+        self.actions.extend_from_slice(&slot.action);
+        self.qpos.extend_from_slice(slot.env.physics().qpos());
+        self.qvel.extend_from_slice(slot.env.physics().qvel());
+        self.action_log_probs.extend(slot.action_log_prob);
+    }
+
+    fn after_step(&mut self, slot: &Slot, transition: Transition) {
+        self.rewards.push(transition.reward);
+        self.next_observations.extend_from_slice(slot.env.observation());
+    }
+}
+
 struct Collection<'a, F> {
     plan: &'a Plan,
     amount: Amount,
@@ -109,19 +124,6 @@ impl<F: FnMut(EpisodeTransitions) -> bool + Sync> Observer for Collection<'_, F>
             self.next += 1;
             self.next - 1
         })
-    }
-
-    fn before_step(&self, slot: &Slot, log: &mut EpisodeTransitions) {
-        log.observations.extend_from_slice(slot.env.observation());
-        log.actions.extend_from_slice(&slot.action);
-        log.qpos.extend_from_slice(slot.env.physics().qpos());
-        log.qvel.extend_from_slice(slot.env.physics().qvel());
-        log.action_log_probs.extend(slot.action_log_prob);
-    }
-
-    fn after_step(&self, slot: &Slot, transition: Transition, log: &mut EpisodeTransitions) {
-        log.rewards.push(transition.reward);
-        log.next_observations.extend_from_slice(slot.env.observation());
     }
 
     fn ended(&mut self, slot: &Slot, transition: Transition, mut log: EpisodeTransitions) -> bool {

@@ -57,7 +57,9 @@ fn a_panic_breaks_its_session_and_no_thread() {
     assert!(matches!(error, ServerError::SessionBroken { .. }));
     assert!(matches!(broken.submit(step()), Err(ServerError::SessionBroken { .. })));
     // The simulation thread is alive.
-    broken.threads.run(|| ());
+    let (sender, receiver) = std::sync::mpsc::channel();
+    broken.threads.spawn(move || sender.send(7).unwrap());
+    assert_eq!(receiver.recv(), Ok(7));
 }
 
 #[test]

@@ -95,7 +95,7 @@ fn every_task_keeps_the_properties_of_an_environment() {
         let mut low = vec![f64::INFINITY; spec.observation.len()];
         let mut high = vec![f64::NEG_INFINITY; spec.observation.len()];
         let mut generator = Generator::from_seed(1);
-        env.reset(Some(0));
+        env.reset(Some(0)).unwrap();
         for _ in 0..200 {
             let action: Vec<f32> =
                 spec.action_names.iter().map(|_| generator.uniform(-1.0, 1.0) as f32).collect();
@@ -106,7 +106,7 @@ fn every_task_keeps_the_properties_of_an_environment() {
                 (low[i], high[i]) = (low[i].min(*value), high[i].max(*value));
             }
             if transition.is_last() {
-                env.reset(None);
+                env.reset(None).unwrap();
             }
         }
         assert!(low.iter().zip(&high).all(|(low, high)| low < high), "{}", spec.name);

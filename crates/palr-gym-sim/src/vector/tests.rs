@@ -149,3 +149,84 @@ fn stepping_before_the_first_reset_is_refused() {
     let mut vector = vector("ant", 1, 1, VectorOptions::default());
     assert_eq!(vector.step(&[0.0; 8], &mut StepFrame::default()), Err(SimError::NeverReset));
 }
+
+#[test]
+fn an_open_loop_is_the_same_as_single_steps() {
+    for mode in [AutoresetMode::NextStep, AutoresetMode::SameStep] {
+        // More environments than pieces, so that pieces have several.
+        for (env_id, num_envs, steps) in [("hopper-w2", 3, 50), ("hopper", 300, 24)] {
+            let mut single = vector(env_id, num_envs, 2, with_mode(mode));
+            let mut open = vector(env_id, num_envs, 2, with_mode(mode));
+            single.reset(&[1], &[]).unwrap();
+            open.reset(&[1], &[]).unwrap();
+            let rows: Vec<f32> = (0..steps)
+                .flat_map(|step| (0..num_envs).flat_map(move |i| actions(i, step, 3)))
+                .collect();
+            let (mut a, mut b) = (StepFrame::default(), StepFrame::default());
+            open.step_open_loop(&rows, steps, &mut b).unwrap();
+            assert_eq!((b.steps, b.rewards.len()), (steps, steps * num_envs));
+            let size = single.spec().observation_size();
+            for (step, row) in rows.chunks_exact(num_envs * 3).enumerate() {
+                single.step(row, &mut a).unwrap();
+                let envs = step * num_envs..(step + 1) * num_envs;
+                let wide = envs.start * size..envs.end * size;
+                assert_eq!(a.observations, b.observations[wide.clone()]);
+                assert_eq!(a.rewards, b.rewards[envs.clone()]);
+                assert_eq!(a.terminated, b.terminated[envs.clone()]);
+                let bits = |values: &[f64]| values.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
+                assert_eq!(bits(&a.info), bits(&b.info[envs.start * 2..envs.end * 2]));
+                if mode == AutoresetMode::SameStep {
+                    for (i, _) in a.terminated.iter().enumerate().filter(|(_, ended)| **ended) {
+                        let row =
+                            |frame: &[f64], i: usize| frame[i * size..(i + 1) * size].to_vec();
+                        assert_eq!(
+                            row(&a.final_observations, i),
+                            row(&b.final_observations, envs.start + i)
+                        );
+                    }
+                }
+            }
+            assert!(b.terminated.iter().any(|ended| *ended));
+            // And both stand at the same place.
+            let (mut x, mut y) = (Vec::new(), Vec::new());
+            single.observations_into(&mut x);
+            open.observations_into(&mut y);
+            assert_eq!(x, y);
+        }
+    }
+}
+
+#[test]
+fn an_open_loop_without_autoreset_ends_with_the_first_end() {
+    let mut single = vector("hopper", 2, 2, with_mode(AutoresetMode::Disabled));
+    let mut open = vector("hopper", 2, 2, with_mode(AutoresetMode::Disabled));
+    single.reset(&[0], &[]).unwrap();
+    open.reset(&[0], &[]).unwrap();
+    let row = [1.0, -1.0, 1.0, 0.0, 0.0, 0.0];
+    let (mut a, mut b) = (StepFrame::default(), StepFrame::default());
+    open.step_open_loop(&row.repeat(100), 100, &mut b).unwrap();
+    let mut steps = 0;
+    while !a.terminated.first().copied().unwrap_or(false) {
+        single.step(&row, &mut a).unwrap();
+        steps += 1;
+    }
+    assert_eq!((b.steps, b.rewards.len(), b.observations.len()), (steps, 2 * steps, 22 * steps));
+    assert_eq!(b.observations[22 * (steps - 1)..], a.observations);
+    assert!(steps < 100);
+}
+
+#[test]
+fn a_refused_open_loop_takes_no_step() {
+    let mut left = vector("hopper", 1, 1, VectorOptions::default());
+    let mut right = vector("hopper", 1, 1, VectorOptions::default());
+    left.reset(&[5], &[]).unwrap();
+    right.reset(&[5], &[]).unwrap();
+    let (mut a, mut b) = (StepFrame::default(), StepFrame::default());
+    for bad in [&[0.0, 0.0, 0.0, 0.0, 0.0, 2.0][..], &[0.0; 5], &[]] {
+        assert!(left.step_open_loop(bad, 2, &mut a).is_err());
+    }
+    assert!(left.step_open_loop(&[], 0, &mut a).is_err());
+    left.step(&[0.5; 3], &mut a).unwrap();
+    right.step(&[0.5; 3], &mut b).unwrap();
+    assert_eq!(a.observations, b.observations);
+}

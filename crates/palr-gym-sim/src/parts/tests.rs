@@ -1,0 +1,80 @@
+//! Every part once, whoever calls, however often, whatever panics.
+
+use std::sync::mpsc;
+use std::time::Duration;
+
+use super::*;
+
+struct Counter {
+    rounds: usize,
+    panics_in: Option<usize>,
+}
+
+impl Part for Counter {
+    fn work(&mut self) {
+        self.rounds += 1;
+        assert!(self.panics_in != Some(self.rounds), "asked to panic");
+    }
+}
+
+fn counters(count: usize, threads: &SimulationThreads) -> Parts<Counter> {
+    let parts = (0..count).map(|_| Counter { rounds: 0, panics_in: None }).collect();
+    Parts::new(parts, threads.clone())
+}
+
+#[test]
+fn every_part_is_done_once_a_round_from_inside_and_outside() {
+    for (threads, count) in [(1, 1), (1, 7), (2, 1), (3, 2), (4, 64), (3, 1000)] {
+        let threads = SimulationThreads::start(threads).unwrap();
+        let mut parts = counters(count, &threads);
+        for _ in 0..200 {
+            parts.work();
+        }
+        // The same on a simulation thread, which works along.
+        let (sender, receiver) = mpsc::channel();
+        threads.spawn(move || {
+            for _ in 0..200 {
+                parts.work();
+            }
+            sender.send(parts).unwrap();
+        });
+        let parts = receiver.recv_timeout(Duration::from_secs(60)).unwrap();
+        assert!(parts.iter().all(|part| part.rounds == 400));
+    }
+}
+
+#[test]
+fn many_callers_share_the_threads() {
+    let threads = SimulationThreads::start(2).unwrap();
+    let (sender, receiver) = mpsc::channel();
+    for i in 0..32 {
+        let (sender, mut parts) = (sender.clone(), counters(i % 5, &threads));
+        let rounds = move || {
+            for _ in 0..100 {
+                parts.work();
+            }
+            sender.send(parts.iter().all(|part| part.rounds == 100)).unwrap();
+        };
+        if i % 3 == 0 {
+            std::thread::spawn(rounds);
+        } else {
+            threads.spawn(rounds);
+        }
+    }
+    drop(sender);
+    assert_eq!(receiver.iter().collect::<Vec<_>>(), [true; 32]);
+}
+
+#[test]
+fn a_panic_reaches_the_caller_after_the_other_parts_are_done() {
+    let threads = SimulationThreads::start(2).unwrap();
+    let mut parts = counters(20, &threads);
+    parts.get(3).panics_in = Some(2);
+    parts.work();
+    let outcome = catch_unwind(AssertUnwindSafe(|| parts.work()));
+    assert!(outcome.is_err());
+    assert!(parts.iter().all(|part| part.rounds == 2));
+    // And the threads, as the parts, are good for more.
+    parts.work();
+    assert!(parts.iter().all(|part| part.rounds == 3));
+}

@@ -1,0 +1,47 @@
+//! In the steady state a step allocates nothing, autoresets included, on any thread.
+//!
+//! The only test of this file: the allocator counts for the whole process.
+#![allow(clippy::unwrap_used, reason = "a test may stop where it stands")]
+
+use std::alloc::System;
+
+use palr_gym_core::{AutoresetMode, OutOfBounds};
+use palr_gym_sim::tasks::TASKS;
+use palr_gym_sim::{SimulationThreads, StepFrame, VectorEnv, VectorOptions, resolve};
+use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
+
+#[global_allocator]
+static ALLOCATOR: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
+
+const STEPS: usize = 60;
+
+#[test]
+fn a_step_allocates_nothing() {
+    let threads = SimulationThreads::start(3).unwrap();
+    for task in TASKS {
+        for autoreset_mode in [AutoresetMode::NextStep, AutoresetMode::SameStep] {
+            let (task, spec) = resolve(&format!("{}-w3", task.spec().name)).unwrap();
+            let row = 12 * spec.action_size();
+            let options = VectorOptions { autoreset_mode, out_of_bounds: OutOfBounds::Clip };
+            let mut vector = VectorEnv::new(task, spec, 12, options, threads.clone()).unwrap();
+            vector.reset(&[0], &[]).unwrap();
+            let actions: Vec<f32> =
+                (0..row * STEPS).map(|i| ((i * 37 % 41) as f32 - 20.0) / 19.0).collect();
+            let (mut frame, mut ends) = (StepFrame::default(), 0);
+            let mut play = |vector: &mut VectorEnv| {
+                for actions in actions.chunks_exact(row) {
+                    vector.step(actions, &mut frame).unwrap();
+                    ends += frame.terminated.iter().filter(|ended| **ended).count();
+                }
+            };
+            // Buffers grow to their size in the first step.
+            play(&mut vector);
+            let region = Region::new(ALLOCATOR);
+            play(&mut vector);
+            let change = region.change();
+            let name = vector.spec().task.name;
+            assert_eq!((change.allocations, change.reallocations), (0, 0), "{name}: {change:?}");
+            assert!(ends > 0 || !["hopper", "walker2d"].contains(&name), "{name}: no reset");
+        }
+    }
+}
