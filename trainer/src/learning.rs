@@ -28,7 +28,7 @@ mod streams;
 pub mod train;
 pub mod weights;
 
-pub use config::{Algorithm, PalrConfig, TrainConfig, WeightsMode};
+pub use config::{Algorithm, PalrConfig, TrainConfig, WeightsMode, defaults};
 pub use data::TrainingSet;
 pub use error::TrainError;
 pub use export::TrainedPolicy;

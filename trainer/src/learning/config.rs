@@ -1,80 +1,131 @@
 //! What a training run is: everything that decides its bits.
 
+mod defaults;
+mod methods;
+
 use serde::{Deserialize, Serialize};
 
+pub use self::defaults::defaults;
+pub use self::methods::{
+    ActionSource, FcaConfig, KfConfig, KfSchedule, KfTemperature, KfWeighting, MineConfig,
+    PalrActConfig, PalrConfig, PrimeJunction, PrimenetConfig, RapConfig, VibConfig, WeightsMode,
+};
 use crate::learning::error::TrainError;
 
-/// Which loss is minimised.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+/// Which method learns.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Algorithm {
     /// Behaviour cloning: the likelihood alone.
     Bc,
+    /// Keyframe-focused: the likelihood, weighted by how badly past actions predict the action.
+    Kf,
+    /// A second network's guess from the last observation joins the policy.
+    Primenet,
+    /// Residual action prediction: memory is learnt by predicting changes of the action.
+    Rap,
+    /// Fighting copycat agents: an adversary predicts the past action from the representation.
+    Fca,
+    /// The likelihood, and a neural estimate of mutual information with the past action.
+    Mine,
     /// The likelihood, and HSCIC of the representation and the past action given the action.
     Palr,
+    /// PALR with the policy's action in the place of its representation.
+    PalrAct,
+    /// The variational information bottleneck.
+    Vib,
 }
 
-/// Where the regulariser's weight matrix M of a step comes from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum WeightsMode {
-    /// From the step's own batch, computed anew each step.
-    Exact,
-    /// From one of `pool_size` batches drawn once; the likelihood stays on fresh batches.
-    Pool,
-}
+impl Algorithm {
+    /// Every method, in the order of the paper.
+    pub const ALL: [Self; 9] = [
+        Self::Bc,
+        Self::Kf,
+        Self::Primenet,
+        Self::Rap,
+        Self::Fca,
+        Self::Mine,
+        Self::Palr,
+        Self::PalrAct,
+        Self::Vib,
+    ];
 
-/// Settings of the regulariser.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct PalrConfig {
-    /// α, the weight of HSCIC in the loss.
-    pub alpha: f64,
-    /// λ of the ridge regression; enters the kernel matrix as n·λ.
-    pub ridge: f64,
-    /// σ² of all three kernels, `exp(-d² / σ²)`.
-    pub bandwidth_sq: f64,
-    /// True: both actions are standardised inside HSCIC (the reference code); false: raw (the
-    /// paper's text).
-    pub standardize_actions: bool,
-    /// Where M comes from.
-    pub weights: WeightsMode,
-    /// Batches in the pool. Each holds n(n+1) bytes: 1 MiB at a batch of 1024.
-    pub pool_size: usize,
-}
-
-impl Default for PalrConfig {
-    /// α of the paper's Table 8 for most tasks (walker2d: 100), λ and σ² of the reference.
-    fn default() -> Self {
-        Self {
-            alpha: 10.0,
-            ridge: 1e-5,
-            bandwidth_sq: 1.0,
-            standardize_actions: true,
-            weights: WeightsMode::Exact,
-            pool_size: 512,
+    /// As settings name it.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Bc => "bc",
+            Self::Kf => "kf",
+            Self::Primenet => "primenet",
+            Self::Rap => "rap",
+            Self::Fca => "fca",
+            Self::Mine => "mine",
+            Self::Palr => "palr",
+            Self::PalrAct => "palr_act",
+            Self::Vib => "vib",
         }
     }
+
+    /// Name of the one setting that the paper tunes for each task, the method's α; none for
+    /// methods without one.
+    #[must_use]
+    pub fn alpha_setting(self) -> Option<&'static str> {
+        match self {
+            Self::Bc | Self::Primenet | Self::Rap => None,
+            Self::Kf => Some("kf.temperature"),
+            Self::Fca => Some("fca.alpha"),
+            Self::Mine => Some("mine.alpha"),
+            Self::Palr | Self::PalrAct => Some("palr.alpha"),
+            Self::Vib => Some("vib.beta"),
+        }
+    }
+}
+
+/// Which rows observations are standardised by. Whoever makes a
+/// [`TrainingSet`](crate::learning::TrainingSet) keeps to it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum StatisticsRows {
+    /// Those that are trained on (the reference code).
+    Training,
+    /// All of the data set's (the paper's text).
+    All,
 }
 
 /// Settings of a run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct TrainConfig {
-    /// Which loss.
+    /// Which method.
     pub algorithm: Algorithm,
     /// Steps of Adam.
     pub steps: u64,
     /// Rows of a step, drawn with replacement.
     pub batch: usize,
-    /// Step size of Adam.
+    /// Step size of the policy's Adam.
     pub learning_rate: f64,
+    /// Which rows observations are standardised by.
+    pub statistics: StatisticsRows,
     /// Seeds the initial parameters, and the batches unless `batch_seed` is given.
     pub seed: u64,
     /// Seeds the batches on their own. Runs that share it are not independent replicates.
     pub batch_seed: Option<u64>,
-    /// Of the regulariser; used if the algorithm is `palr`, and by the logged HSCIC.
+    /// Of HSCIC; its kernels are also those of the logged HSCIC, whatever the method.
     pub palr: PalrConfig,
+    /// Used if the algorithm is `palr_act`.
+    pub palr_act: PalrActConfig,
+    /// Used if the algorithm is `kf`.
+    pub kf: KfConfig,
+    /// Used if the algorithm is `primenet`.
+    pub primenet: PrimenetConfig,
+    /// Used if the algorithm is `rap`.
+    pub rap: RapConfig,
+    /// Used if the algorithm is `fca`.
+    pub fca: FcaConfig,
+    /// Used if the algorithm is `mine`.
+    pub mine: MineConfig,
+    /// Used if the algorithm is `vib`.
+    pub vib: VibConfig,
     /// Steps between two reports of progress. Does not change the parameters.
     pub log_every: u64,
     /// Steps between two checkpoints. Does not change the parameters.
@@ -92,9 +143,17 @@ impl Default for TrainConfig {
             steps: 500_000,
             batch: 1024,
             learning_rate: 3e-4,
+            statistics: StatisticsRows::Training,
             seed: 0,
             batch_seed: None,
             palr: PalrConfig::default(),
+            palr_act: PalrActConfig::default(),
+            kf: KfConfig::default(),
+            primenet: PrimenetConfig::default(),
+            rap: RapConfig::default(),
+            fca: FcaConfig::default(),
+            mine: MineConfig::default(),
+            vib: VibConfig::default(),
             log_every: 1000,
             checkpoint_every: 10_000,
             metric_rows: 1024,
@@ -121,8 +180,6 @@ impl TrainConfig {
     /// # Errors
     /// [`TrainError::Setting`].
     pub fn validate(&self) -> Result<(), TrainError> {
-        let palr = &self.palr;
-        check(palr.alpha.is_finite() && palr.alpha >= 0.0, "palr.alpha", palr.alpha, "at least 0")?;
         check(self.batch >= 2, "batch", self.batch, "at least 2")?;
         check(self.steps >= 1, "steps", self.steps, "at least 1")?;
         // The number of a step is one half of a generator's stream.
@@ -130,20 +187,14 @@ impl TrainConfig {
         check(self.log_every >= 1, "log_every", self.log_every, "at least 1")?;
         check(self.checkpoint_every >= 1, "checkpoint_every", self.checkpoint_every, "at least 1")?;
         check(self.metric_rows >= 2, "metric_rows", self.metric_rows, "at least 2")?;
-        check(palr.pool_size >= 1, "palr.pool_size", palr.pool_size, "at least 1")?;
-        check(
-            u32::try_from(palr.pool_size).is_ok(),
-            "palr.pool_size",
-            palr.pool_size,
-            "below 2^32",
-        )?;
-        for (name, got) in [
-            ("learning_rate", self.learning_rate),
-            ("palr.ridge", palr.ridge),
-            ("palr.bandwidth_sq", palr.bandwidth_sq),
-        ] {
-            check(got.is_finite() && got > 0.0, name, got, "a positive number")?;
-        }
+        positive("learning_rate", self.learning_rate)?;
+        self.palr.validate()?;
+        self.kf.validate()?;
+        self.primenet.validate()?;
+        self.rap.validate()?;
+        self.fca.validate()?;
+        self.mine.validate()?;
+        self.vib.validate()?;
         Ok(())
     }
 
@@ -169,6 +220,10 @@ impl TrainConfig {
     }
 }
 
+fn positive(name: &str, got: f64) -> Result<(), TrainError> {
+    check(got.is_finite() && got > 0.0, name, got, "a positive number")
+}
+
 fn check(
     is_right: bool,
     name: &str,
@@ -182,7 +237,7 @@ fn check(
 }
 
 /// Compares keys with those of `known`, the settings with every key.
-fn refuse_unknown(
+pub(crate) fn refuse_unknown(
     value: &serde_json::Value,
     known: &serde_json::Value,
     prefix: &str,
@@ -233,6 +288,11 @@ mod tests {
             (json!({"palr": {"alhpa": 1}}), "did you mean `palr.alpha`?"),
             (json!({"xyzzyxyzzy": 1}), "there is no setting `xyzzyxyzzy`"),
             (json!({"algorithm": "dagger"}), "unknown variant `dagger`"),
+            (json!({"kf": {"step_share": 1.0}}), "kf.step_share is 1; expected a share"),
+            (json!({"kf": {"temprature": 1.0}}), "did you mean `kf.temperature`?"),
+            (json!({"mine": {"ema_decay": 1.0}}), "mine.ema_decay is 1; expected 0 to below 1"),
+            (json!({"fca": {"inner_updates": 0}}), "fca.inner_updates is 0; expected 1 to 1000"),
+            (json!({"primenet": {"junction": "end"}}), "unknown variant `end`"),
         ];
         for (value, want) in cases {
             let got = refusal(value);

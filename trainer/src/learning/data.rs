@@ -146,6 +146,21 @@ impl TrainingSet {
         })
     }
 
+    /// Refuses a column of actions that has one value only: no likelihood is the best there.
+    ///
+    /// # Errors
+    /// [`TrainError::Constant`].
+    pub fn check_actions_vary(&self) -> Result<(), TrainError> {
+        for column in 0..self.action_size {
+            let mut values = self.actions.iter().skip(column).step_by(self.action_size);
+            let Some(&value) = values.next() else { continue };
+            if values.all(|other| *other == value) {
+                return Err(TrainError::Constant { name: "actions", column, value, rows: self.n });
+            }
+        }
+        Ok(())
+    }
+
     /// Number of rows.
     #[must_use]
     pub fn len(&self) -> usize {
@@ -311,6 +326,14 @@ mod tests {
         let (action, past) = actions();
         let error = TrainingSet::with_statistics(&[3.0], statistics, action, past, 1).unwrap_err();
         assert!(error.to_string().contains("statistics.std has 0 numbers; expected 1 rows of 1"));
+    }
+
+    #[test]
+    fn actions_that_never_vary_are_refused() {
+        let set = |actions| TrainingSet::new(&[0.0, 1.0], 1, actions, vec![0.0; 4], 2).unwrap();
+        set(vec![0.1, 0.2, 0.3, 0.4]).check_actions_vary().unwrap();
+        let error = set(vec![0.1, 0.2, 0.3, 0.2]).check_actions_vary().unwrap_err().to_string();
+        assert_eq!(error, "column 1 of actions is 0.2 in all 2 rows; expected actions that vary");
     }
 
     #[test]

@@ -44,6 +44,18 @@ pub enum TrainError {
         /// The number.
         value: f32,
     },
+    /// A column of the data that tells nothing.
+    #[error("column {column} of {name} is {value} in all {rows} rows; expected actions that vary")]
+    Constant {
+        /// Which array.
+        name: &'static str,
+        /// From 0.
+        column: usize,
+        /// The number.
+        value: f32,
+        /// Rows.
+        rows: usize,
+    },
     /// Training and held-out data, or a file, have different sizes.
     #[error("{what} has size {got}; expected {want}")]
     Size {

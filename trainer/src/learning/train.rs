@@ -222,8 +222,13 @@ impl<'a> Learner<'a> {
     fn loss(&mut self, policy: &PolicyNet, index: u64) -> Result<Loss, TrainError> {
         let rows = self.rows(Purpose::Batch, index);
         let batch = self.data.batch(&rows);
-        if self.config.algorithm == Algorithm::Bc {
-            return bc::loss(policy, &batch, &self.device);
+        match self.config.algorithm {
+            Algorithm::Bc => return bc::loss(policy, &batch, &self.device),
+            Algorithm::Palr => {}
+            other => {
+                let message = format!("algorithm {} cannot be trained yet", other.name());
+                return Err(TrainError::Setting { message });
+            }
         }
         let pool_batch;
         let (weights, observations) = match self.config.palr.weights {
