@@ -3,7 +3,7 @@
 use faer::Mat;
 use palr_gym_core::random::Generator;
 use palr_gym_core::{ActionMode, tanh_gaussian};
-use palr_gym_leakage::{Hscic, HscicConfig, Interval, block_bootstrap, hscic};
+use palr_gym_leakage::{Hscic, HscicConfig, Interval, block_bootstrap, hscic, refuse_constant};
 use palr_gym_onnx::{Policy, PolicyLimits};
 use palr_gym_sim::resolve;
 
@@ -66,8 +66,14 @@ pub fn estimate(
     given_actions: &Mat<f64>,
     options: &LeakageOptions,
 ) -> Result<Leakage, ServerError> {
+    refuse_constant("past_action", past_actions.as_ref())?;
+    refuse_constant("given_action", given_actions.as_ref())?;
     let representation = match subject {
-        Subject::Representation(representation) => representation,
+        Subject::Representation(representation) => {
+            refuse_constant("representation", representation.as_ref())?;
+            representation
+        }
+        // A policy that always does the same leaks nothing, and may be asked.
         Subject::Policy(policy) => policy.act(options.seed)?,
     };
     let hscic = hscic(

@@ -86,6 +86,7 @@ fn place_leakage(error: &LeakageError) -> Place {
         LeakageError::TooFew { .. } => invalid("SAMPLE_COUNT", "representation"),
         LeakageError::NoColumns { .. } => invalid("ARRAY_SHAPE", "representation"),
         LeakageError::NotFinite { .. } => invalid("ARRAY_NOT_FINITE", "representation"),
+        LeakageError::Constant { .. } => invalid("ARRAY_CONSTANT", "past_actions"),
         LeakageError::NotPositive { .. } => invalid("OUT_OF_RANGE", "ridge"),
         LeakageError::Singular { .. } => invalid("SINGULAR", "ridge"),
         LeakageError::Blocks { .. } => invalid("EPISODE_LENGTHS", "episode_lengths"),

@@ -5,6 +5,8 @@ use std::path::PathBuf;
 use tonic::Code;
 use tonic_types::StatusExt;
 
+use crate::learning::TrainError;
+
 /// Why a call, or what was done with its result, failed.
 #[derive(Debug, thiserror::Error)]
 pub enum ClientError {
@@ -60,9 +62,39 @@ pub enum ClientError {
         /// Transitions in it.
         transitions: u64,
     },
+    /// Settings in a file.
+    #[error("{}: {cause}", path.display())]
+    Settings {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with them.
+        cause: Box<ClientError>,
+    },
+    /// A run's folder that cannot be used.
+    #[error("{} {message}", path.display())]
+    RunFolder {
+        /// The folder.
+        path: PathBuf,
+        /// What is wrong and what to do.
+        message: String,
+    },
+    /// Training stopped because an evaluation beside it had failed.
+    #[error("the policy of step {step} cannot be evaluated: an earlier evaluation failed")]
+    EvaluationStopped {
+        /// Steps taken.
+        step: u64,
+    },
+    /// A defect of ours.
+    #[error("{what} panicked: {message}; this is a defect, please report it")]
+    Panicked {
+        /// What.
+        what: &'static str,
+        /// What it said.
+        message: String,
+    },
     /// Training.
     #[error(transparent)]
-    Train(#[from] crate::learning::TrainError),
+    Train(#[from] TrainError),
     /// A figure.
     #[error("cannot draw {}: {message}", path.display())]
     Plot {
@@ -78,7 +110,9 @@ impl ClientError {
     #[must_use]
     pub fn is_bad_request(&self) -> bool {
         match self {
-            Self::Address { .. } => true,
+            Self::Address { .. }
+            | Self::Train(TrainError::Setting { .. } | TrainError::UnknownSetting { .. }) => true,
+            Self::Settings { cause, .. } => cause.is_bad_request(),
             Self::Status { code, .. } => {
                 matches!(code, Code::InvalidArgument | Code::NotFound | Code::FailedPrecondition)
             }
@@ -86,7 +120,8 @@ impl ClientError {
         }
     }
 
-    pub(crate) fn file(path: impl Into<PathBuf>, message: impl std::fmt::Display) -> Self {
+    /// [`Self::File`].
+    pub fn file(path: impl Into<PathBuf>, message: impl std::fmt::Display) -> Self {
         Self::File { path: path.into(), message: message.to_string() }
     }
 }

@@ -1,102 +1,252 @@
-//! A policy from a data file: what stands between recorded demonstrations and
-//! [`learning`](crate::learning).
+//! Runs of imitation learning: from recorded demonstrations to an evaluated policy, in a folder
+//! that says everything about it.
+//!
+//! This is what stands between the service and [`learning`](crate::learning), which knows arrays
+//! only.
+//!
+//! # Layout
+//! - [`settings`]: what a run is to do, in layers: defaults, file, command line.
+//! - [`data`]: the rows that a run trains on.
+//! - [`manifest`]: `run.json`, what a folder says of itself.
+//! - [`records`]: `metrics.jsonl`, `evaluations.jsonl`.
+//! - [`tensorboard`]: the same numbers for TensorBoard.
+//! - [`beside`]: evaluation on the server while training goes on.
+//!
+//! # A run's folder
+//! | file | what |
+//! |---|---|
+//! | `run.json` | the manifest; written first |
+//! | `settings.toml` | the settings; `palr-gym train --config` takes it |
+//! | `config.json` | the part of the settings that the learner sees |
+//! | `metrics.jsonl`, `evaluations.jsonl` | a line each report, a line each evaluation |
+//! | `tensorboard/` | both, as event files |
+//! | `pending/` | policies whose evaluation is not finished |
+//! | `checkpoint.safetensors` | where `--resume` goes on |
+//! | `policy.onnx`, `policy.safetensors` | the finished policy |
+
+pub mod beside;
+pub mod data;
+pub mod manifest;
+pub mod records;
+pub mod settings;
+pub mod tensorboard;
 
 use std::ops::ControlFlow;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
-use palr_gym_data::{Demonstrations, Samples, Selection, View};
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
+use tokio::sync::mpsc::UnboundedSender;
 
 use crate::client::Client;
 use crate::error::ClientError;
-use crate::leakage::view;
-use crate::learning::{Progress, TrainConfig, Trained, TrainingSet, train};
+use crate::imitate::beside::Beside;
+use crate::imitate::data::{Prepared, prepare};
+use crate::imitate::manifest::Manifest;
+use crate::imitate::records::{EvaluationRecord, Metrics, Recorder};
+use crate::imitate::settings::Settings;
+use crate::learning::train;
 use crate::runs::Run;
 
-/// What was trained on; fixed when a run's folder is made.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub struct DataConfig {
-    /// Canonical id: how the policy sees the recorded full observations.
-    pub env_id: String,
-    /// A D4RL file with full observations.
-    pub data: PathBuf,
-    /// Rows at its beginning to train on.
-    pub training_rows: usize,
-    /// Rows after them to hold out; 0 for none.
-    pub held_out_rows: usize,
-    /// Least number of episodes to spread the held-out rows over.
-    pub held_out_episodes: usize,
+/// The settings of a run, in its folder, as a file for `--config`.
+pub const SETTINGS_FILE: &str = "settings.toml";
+
+/// A run that is ready to go: its folder is locked, its data read and checked.
+pub struct Imitation {
+    run: Run,
+    settings: Settings,
+    prepared: Prepared,
+    is_resumed: bool,
 }
 
-/// Rows as a method trains on them.
-#[derive(Debug)]
-pub struct Prepared {
-    /// For the loss.
-    pub training: TrainingSet,
-    /// For reports of progress.
-    pub held_out: Option<TrainingSet>,
+/// What happens during a run, for whoever watches.
+#[derive(Debug, Clone)]
+pub enum Event {
+    /// A report of progress.
+    Report(Metrics),
+    /// An evaluation ended.
+    Evaluation(EvaluationRecord),
 }
 
-/// Reads the rows that `config` names.
-///
-/// # Errors
-/// [`ClientError::Data`] for a file that does not fit, [`ClientError::Train`] for rows that cannot
-/// be trained on, [`ClientError::Status`].
-pub async fn prepare(client: &Client, config: &DataConfig) -> Result<Prepared, ClientError> {
-    let spec = client.spec(&config.env_id).await?;
-    let view = view(client, &spec).await?;
-    let demonstrations = Demonstrations::read(&config.data)?;
-    let rows = Rows::select(&demonstrations, &view, Selection::first(config.training_rows))?;
-    let training = TrainingSet::new(
-        &rows.observations,
-        view.observation_size(),
-        rows.actions,
-        rows.past_actions,
-        view.action_size,
-    )?;
-    let held_out = if config.held_out_rows == 0 {
-        None
-    } else {
-        let spread = palr_gym_data::HeldOut::spread(config.held_out_rows, config.held_out_episodes);
-        let rows = Rows::select(&demonstrations, &view, spread.after(config.training_rows))?;
-        Some(training.like(&rows.observations, rows.actions, rows.past_actions)?)
-    };
-    Ok(Prepared { training, held_out })
+/// What a run came to.
+#[derive(Debug, Clone, Serialize)]
+pub struct Outcome {
+    /// Its folder.
+    pub run_folder: PathBuf,
+    /// False if it was interrupted; then it can be resumed.
+    pub is_complete: bool,
+    /// Steps taken.
+    pub step: u64,
+    /// There once the run is complete.
+    pub policy: Option<PathBuf>,
+    /// The newest report; none if a finished run was resumed.
+    pub last: Option<Metrics>,
+    /// The newest evaluation.
+    pub evaluation: Option<EvaluationRecord>,
 }
 
-/// Samples, flat.
-struct Rows {
-    observations: Vec<f32>,
-    actions: Vec<f32>,
-    past_actions: Vec<f32>,
-}
-
-impl Rows {
-    fn select(
-        demonstrations: &Demonstrations,
-        view: &View,
-        selection: Selection,
+impl Imitation {
+    /// Reads the data that `settings` name, then makes a folder in `parent`. `git_revision` is
+    /// recorded.
+    ///
+    /// # Errors
+    /// Settings and data that do not fit: nothing was made then. [`ClientError::File`].
+    pub async fn start(
+        client: &Client,
+        parent: &Path,
+        settings: Settings,
+        git_revision: Option<&str>,
     ) -> Result<Self, ClientError> {
-        let samples = Samples::select(demonstrations, view, selection)?;
-        Ok(Self {
-            observations: samples.observations.iter().copied().collect(),
-            actions: samples.actions.iter().copied().collect(),
-            past_actions: samples.past_actions.iter().copied().collect(),
-        })
+        let prepared = prepare(client, &settings).await?;
+        let run = Run::create(parent)?;
+        Self::begin(client, run, settings, prepared, git_revision).await
+    }
+
+    /// As [`Self::start`], in a folder that the caller owns; it must not hold a run.
+    ///
+    /// # Errors
+    /// As [`Self::start`].
+    pub async fn start_in(
+        client: &Client,
+        folder: &Path,
+        settings: Settings,
+        git_revision: Option<&str>,
+    ) -> Result<Self, ClientError> {
+        let prepared = prepare(client, &settings).await?;
+        let run = Run::at(folder)?;
+        Self::begin(client, run, settings, prepared, git_revision).await
+    }
+
+    async fn begin(
+        client: &Client,
+        run: Run,
+        settings: Settings,
+        prepared: Prepared,
+        git_revision: Option<&str>,
+    ) -> Result<Self, ClientError> {
+        let server = client.server_info().await?;
+        let manifest = Manifest::new(&settings, &prepared, &server, git_revision);
+        run.write_json(manifest::FILE, &manifest)?;
+        write_settings(&run, &settings)?;
+        Ok(Self { run, settings, prepared, is_resumed: false })
+    }
+
+    /// Goes on with the run in `run`'s folder. `change` may replace settings that do not decide
+    /// the bits of a step, such as `steps`.
+    ///
+    /// # Errors
+    /// [`ClientError::File`] if it is no run, is of another version, or its data are others now.
+    pub async fn resume(
+        client: &Client,
+        run: Run,
+        change: impl FnOnce(serde_json::Value) -> Result<Settings, ClientError>,
+    ) -> Result<Self, ClientError> {
+        let mut manifest = Manifest::read(run.folder())?;
+        let stored = Settings::from_layers(&[manifest.settings.clone()])?;
+        let settings = change(manifest.settings.clone())?;
+        stored.check_continued(run.folder(), &settings)?;
+        let prepared = prepare(client, &settings).await?;
+        manifest.check_data(run.folder(), &prepared)?;
+        manifest.settings = settings.to_json();
+        run.write_json(manifest::FILE, &manifest)?;
+        write_settings(&run, &settings)?;
+        Ok(Self { run, settings, prepared, is_resumed: true })
+    }
+
+    /// The run's folder.
+    #[must_use]
+    pub fn folder(&self) -> &Path {
+        self.run.folder()
+    }
+
+    /// What the run is to do.
+    #[must_use]
+    pub fn settings(&self) -> &Settings {
+        &self.settings
+    }
+
+    /// Trains to the end, or until `is_stopped`; evaluates beside it. Dropping the receiver of
+    /// `events` does no harm.
+    ///
+    /// # Errors
+    /// [`ClientError::Train`], [`ClientError::File`], or what an evaluation failed with. Except
+    /// for a failing disk, a checkpoint is left behind.
+    pub async fn run(
+        self,
+        client: &Client,
+        is_stopped: Arc<AtomicBool>,
+        events: UnboundedSender<Event>,
+    ) -> Result<Outcome, ClientError> {
+        let Self { run, settings, prepared, is_resumed } = self;
+        let folder = run.folder().to_path_buf();
+        let recorder = Recorder::open(&folder, is_resumed)?;
+        let beside = Beside::start(client.clone(), &settings, &folder, events.clone())?;
+        let training = tokio::task::spawn_blocking(move || {
+            learn(&run, &settings, &prepared, recorder, beside, &is_stopped, &events)
+        });
+        let (mut outcome, beside) = training.await.map_err(|error| ClientError::Panicked {
+            what: "the trainer",
+            message: error.to_string(),
+        })??;
+        // The last evaluations may still be under way.
+        outcome.evaluation = beside.finish().await?;
+        Ok(outcome)
     }
 }
 
-/// Trains in `run`'s folder. It takes long: call it where blocking is allowed.
-///
-/// # Errors
-/// [`ClientError::Train`].
-pub fn imitate(
+fn write_settings(run: &Run, settings: &Settings) -> Result<(), ClientError> {
+    let path = run.path(SETTINGS_FILE);
+    std::fs::write(&path, settings.to_toml()?).map_err(|error| ClientError::file(path, error))
+}
+
+/// The run's lock is held until training is over.
+fn learn(
     run: &Run,
-    config: &TrainConfig,
+    settings: &Settings,
     prepared: &Prepared,
-    resume: bool,
-    on_progress: impl FnMut(&Progress) -> ControlFlow<()>,
-) -> Result<Trained, ClientError> {
-    let held_out = prepared.held_out.as_ref();
-    Ok(train(config, &prepared.training, held_out, run.folder(), resume, on_progress)?)
+    mut recorder: Recorder,
+    mut beside: Beside,
+    is_stopped: &AtomicBool,
+    events: &UnboundedSender<Event>,
+) -> Result<(Outcome, Beside), ClientError> {
+    let every = settings.run.evaluation.every;
+    let mut last = None;
+    let mut failed = None;
+    let trained = train(
+        &settings.train,
+        &prepared.training,
+        prepared.held_out.as_ref(),
+        run.folder(),
+        true,
+        |progress| {
+            let metrics = Metrics::from(progress);
+            let is_due = every > 0
+                && (progress.step.is_multiple_of(every) || progress.step == progress.steps);
+            let result = recorder.metrics(&metrics).and_then(|()| {
+                if is_due { beside.submit(progress.step, &progress.policy) } else { Ok(()) }
+            });
+            // Nobody may be watching.
+            let _ = events.send(Event::Report(metrics.clone()));
+            last = Some(metrics);
+            failed = result.err();
+            if failed.is_some() || is_stopped.load(Ordering::Relaxed) {
+                ControlFlow::Break(())
+            } else {
+                ControlFlow::Continue(())
+            }
+        },
+    )?;
+    if let Some(error) = failed {
+        return Err(error);
+    }
+    let outcome = Outcome {
+        run_folder: run.folder().to_path_buf(),
+        is_complete: trained.is_complete,
+        step: trained.step,
+        policy: trained.is_complete.then(|| run.path(crate::learning::train::ONNX_FILE)),
+        last,
+        evaluation: None,
+    };
+    Ok((outcome, beside))
 }

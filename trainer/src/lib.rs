@@ -10,8 +10,8 @@
 //! - [`collect`]: demonstrations to a file, resumable; [`journal`] is what makes them so.
 //! - [`leakage`]: leakage of a policy on recorded demonstrations.
 //! - [`runs`]: run folders that never mix.
-//! - [`imitate`]: from recorded demonstrations to a policy, by way of
-//!   [`learning`]: policies from recorded data: behaviour cloning and PALR.
+//! - [`imitate`]: runs of imitation learning, from recorded demonstrations to an evaluated policy.
+//! - [`learning`]: policies from arrays: behaviour cloning and PALR.
 //! - [`plot`]: figures, as SVG and PNG.
 
 pub mod client;

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use palr_gym_proto::v1;
 
 use crate::error::ClientError;
+use crate::imitate::manifest;
 
 /// A policy by name or file.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -13,7 +14,7 @@ pub enum PolicySource {
     Random,
     /// The expert that ships with the server.
     Expert,
-    /// An ONNX file.
+    /// An ONNX file, or the folder of a finished run.
     File(PathBuf),
 }
 
@@ -41,17 +42,21 @@ impl PolicySource {
     /// As the wire has it; reads the file.
     ///
     /// # Errors
-    /// [`ClientError::File`].
+    /// [`ClientError::File`]; [`ClientError::RunFolder`] for a folder without a finished run.
     pub fn load(&self) -> Result<v1::Policy, ClientError> {
         let policy = match self {
             Self::Random => v1::policy::Policy::Random(v1::RandomPolicy {}),
             Self::Expert => v1::policy::Policy::Expert(v1::ExpertPolicy {}),
             Self::File(path) => {
+                let path = &match path.is_dir() {
+                    true => manifest::policy_path(path)?,
+                    false => path.clone(),
+                };
                 let model = std::fs::read(path).map_err(|error| {
                     ClientError::file(
                         path,
                         format!(
-                            "{error}; expected `random`, `expert` or the path of an ONNX policy"
+                            "{error}; expected `random`, `expert`, an ONNX policy or a run's folder"
                         ),
                     )
                 })?;

@@ -39,6 +39,26 @@ impl Run {
         }
     }
 
+    /// Takes `folder`, which the caller names, for a new run.
+    ///
+    /// # Errors
+    /// [`ClientError::File`] if it cannot be made or another process has it.
+    pub fn at(folder: &Path) -> Result<Self, ClientError> {
+        fs::create_dir_all(folder).map_err(|error| ClientError::file(folder, error))?;
+        Self::lock(folder.to_path_buf())
+    }
+
+    /// Opens the run in `folder`.
+    ///
+    /// # Errors
+    /// [`ClientError::File`] if there is no such folder, or another process has it.
+    pub fn open(folder: &Path) -> Result<Self, ClientError> {
+        if !folder.is_dir() {
+            return Err(ClientError::file(folder, "is no folder; expected that of a run"));
+        }
+        Self::lock(folder.to_path_buf())
+    }
+
     /// Opens the run with the highest number in `parent`.
     ///
     /// # Errors

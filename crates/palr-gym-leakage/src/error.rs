@@ -39,6 +39,20 @@ pub enum LeakageError {
         /// What.
         value: f64,
     },
+    /// A column that has one value only: it depends on nothing, or was never filled.
+    #[error(
+        "column {column} of {name} is {value} in all {samples} samples; expected values that vary"
+    )]
+    Constant {
+        /// The array.
+        name: &'static str,
+        /// Which.
+        column: usize,
+        /// The value.
+        value: f64,
+        /// How many.
+        samples: usize,
+    },
     /// A setting outside its range.
     #[error("{name} is {got}; expected a positive, finite number")]
     NotPositive {

@@ -94,6 +94,22 @@ fn regression_weights(
     Ok(Mat::from_fn(n, n, |i, j| f64::from(u8::from(i == j)) - shift * inverse[(i, j)]))
 }
 
+/// Refuses an array with a column that has one value only. The estimate is defined there, and near
+/// zero; but in recorded data it means an array that was never filled, or the wrong one.
+///
+/// # Errors
+/// [`LeakageError::Constant`].
+pub fn refuse_constant(name: &'static str, array: MatRef<'_, f64>) -> Result<(), LeakageError> {
+    let samples = array.nrows();
+    for column in 0..array.ncols() {
+        if samples >= 2 && (1..samples).all(|row| array[(row, column)] == array[(0, column)]) {
+            let value = array[(0, column)];
+            return Err(LeakageError::Constant { name, column, value, samples });
+        }
+    }
+    Ok(())
+}
+
 fn check(
     representation: MatRef<'_, f64>,
     past_action: MatRef<'_, f64>,

@@ -1,11 +1,17 @@
 //! The command line, as people read it in `--help`.
 
+pub mod demo;
+pub mod train;
+
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::LazyLock;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use palr_gym_trainer::ServerAddress;
+
+pub use demo::DemoArguments;
+pub use train::TrainArguments;
 
 /// Version of this program and of MuJoCo.
 static VERSION: LazyLock<String> = LazyLock::new(|| {
@@ -134,7 +140,7 @@ pub struct PolicyArguments {
     /// Environment, such as hopper or hopper-w2.
     #[arg(long, value_name = "ID")]
     pub env: String,
-    /// `expert`, `random`, or the path of an ONNX policy.
+    /// `expert`, `random`, an ONNX file, or the folder of a training run.
     #[arg(long, value_name = "POLICY", default_value = "expert")]
     pub policy: String,
     /// Sample actions from a stochastic policy instead of taking its mean.
@@ -205,84 +211,6 @@ pub struct EvaluateArguments {
     pub json: bool,
 }
 
-/// Which loss is minimised.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum AlgorithmName {
-    /// Behaviour cloning.
-    Bc,
-    /// Behaviour cloning, regularised by HSCIC.
-    Palr,
-}
-
-/// Where PALR's weight matrix of a step comes from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum WeightsName {
-    /// The step's own batch.
-    Exact,
-    /// A fixed pool of batches; many times faster, not shown to give the same scores.
-    Pool,
-}
-
-/// `palr-gym train`
-#[derive(Debug, Args)]
-#[command(after_help = "\
-The defaults are the paper's recipe: 500 000 steps of Adam on batches of 1024 from the first 30 000
-rows. A run has a folder of its own, OUT/001 and so on, with its settings, metrics.jsonl, a checkpoint
-and in the end policy.onnx, which `palr-gym evaluate` and `palr-gym leakage` take. Ctrl-C stops at the
-next report and keeps a checkpoint; --resume goes on with the newest run, to the same bits.
-
-Examples:
-  palr-gym collect --env hopper --transitions 40000 --sampled --out hopper.hdf5
-  palr-gym train --env hopper-w2 --data hopper.hdf5 --algorithm bc --steps 20000
-  palr-gym train --env hopper-w2 --data hopper.hdf5 --alpha 10 --weights pool --held-out-rows 2000
-  palr-gym evaluate --env hopper-w2 --policy runs/train/001/policy.onnx")]
-pub struct TrainArguments {
-    /// Environment as which the policy sees the data, such as hopper-w2.
-    #[arg(long, value_name = "ID", required_unless_present = "resume")]
-    pub env: Option<String>,
-    /// D4RL HDF5 file with full observations.
-    #[arg(long, value_name = "FILE", required_unless_present = "resume")]
-    pub data: Option<PathBuf>,
-    /// Which loss.
-    #[arg(long, value_enum, default_value_t = AlgorithmName::Palr)]
-    pub algorithm: AlgorithmName,
-    /// α, the weight of HSCIC in PALR's loss.
-    #[arg(long, value_name = "α", default_value_t = 10.0, allow_negative_numbers = true)]
-    pub alpha: f64,
-    /// Where PALR's weight matrix comes from.
-    #[arg(long, value_enum, default_value_t = WeightsName::Exact)]
-    pub weights: WeightsName,
-    /// Steps of Adam.
-    #[arg(long, value_name = "N", default_value_t = 500_000)]
-    pub steps: u64,
-    /// Rows of a step.
-    #[arg(long, value_name = "N", default_value_t = 1024)]
-    pub batch: usize,
-    /// Seed of the initial parameters and the batches.
-    #[arg(long, value_name = "S", default_value_t = 0)]
-    pub seed: u64,
-    /// Rows at the beginning of the file to train on.
-    #[arg(long, value_name = "N", default_value_t = 30_000)]
-    pub training_rows: usize,
-    /// Rows after them to hold out and report on, spread over at least 20 episodes.
-    #[arg(long, value_name = "N", default_value_t = 0)]
-    pub held_out_rows: usize,
-    /// Steps between two reports.
-    #[arg(long, value_name = "N", default_value_t = 1000)]
-    pub log_every: u64,
-    /// Folder of runs.
-    #[arg(long, value_name = "OUT", default_value = "runs/train")]
-    pub out: PathBuf,
-    /// Go on with the newest run in OUT, with its own settings.
-    #[arg(long)]
-    pub resume: bool,
-    #[command(flatten)]
-    pub server: ServerArguments,
-    /// Print the result as JSON.
-    #[arg(long)]
-    pub json: bool,
-}
-
 /// `palr-gym leakage`
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -298,7 +226,7 @@ pub struct LeakageArguments {
     /// Environment as which the policy sees the data, such as hopper-w2.
     #[arg(long, value_name = "ID")]
     pub env: String,
-    /// `expert`, `random`, or the path of an ONNX policy.
+    /// `expert`, `random`, an ONNX file, or the folder of a training run.
     #[arg(long, value_name = "POLICY")]
     pub policy: String,
     /// D4RL HDF5 file with full observations and actions.
@@ -331,35 +259,6 @@ pub struct LeakageArguments {
     #[command(flatten)]
     pub server: ServerArguments,
     /// Print the result as JSON.
-    #[arg(long)]
-    pub json: bool,
-}
-
-/// `palr-gym demo`
-#[derive(Debug, Args)]
-#[command(after_help = "\
-Each run has a folder of its own, OUT/001, OUT/002 and so on, with the data, results.json and a
-figure of returns. --resume finishes the newest one instead of starting another.")]
-pub struct DemoArguments {
-    /// Folder of runs.
-    #[arg(long, value_name = "OUT", default_value = "runs/demo")]
-    pub out: PathBuf,
-    /// Task to show.
-    #[arg(long, value_name = "TASK", default_value = "hopper")]
-    pub env: String,
-    /// Transitions to collect.
-    #[arg(long, value_name = "N", default_value_t = 30_000)]
-    pub transitions: u64,
-    /// Episodes to evaluate each policy on.
-    #[arg(long, value_name = "N", default_value_t = 20)]
-    pub episodes: u32,
-    /// Seed of everything.
-    #[arg(long, value_name = "S", default_value_t = 0)]
-    pub seed: u64,
-    /// Finish the newest run.
-    #[arg(long)]
-    pub resume: bool,
-    /// Print the results as JSON.
     #[arg(long)]
     pub json: bool,
 }

@@ -5,10 +5,13 @@
 #![allow(unreachable_pub, reason = "a binary has no outside")]
 
 mod backend;
+mod build;
 mod cli;
 mod command;
+mod interrupt;
 mod output;
 mod progress;
+mod watch;
 
 use std::io::IsTerminal;
 use std::process::ExitCode;
@@ -18,6 +21,7 @@ use palr_gym_trainer::ClientError;
 use tracing_subscriber::EnvFilter;
 
 use crate::cli::{Cli, Command, LogFormat};
+use crate::interrupt::{EXIT_INTERRUPTED, Interrupted};
 
 const EXIT_FAILURE: u8 = 1;
 const EXIT_USAGE: u8 = 64;
@@ -46,6 +50,10 @@ fn main() -> ExitCode {
     runtime.shutdown_background();
     match result {
         Ok(()) => ExitCode::SUCCESS,
+        Err(error) if error.is::<Interrupted>() => {
+            eprintln!("{error}");
+            EXIT_INTERRUPTED.into()
+        }
         Err(error) => {
             eprintln!("error: {error:#}");
             let is_usage =

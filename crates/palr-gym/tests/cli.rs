@@ -138,35 +138,3 @@ fn leakage_is_estimated_on_what_was_collected() {
         assert!(!output.status.success() && said.contains(text), "{more:?}: {said}");
     }
 }
-
-#[test]
-fn runs_of_the_demo_never_mix_and_an_unfinished_one_resumes() {
-    let folder = tempfile::tempdir().unwrap();
-    let small = ["demo", "--transitions", "1500", "--episodes", "2", "--json"];
-    assert!(palr_gym(folder.path(), &small).status.success());
-    assert!(palr_gym(folder.path(), &small).status.success());
-    let run = |number: &str| folder.path().join("runs/demo").join(number);
-    let results = |number| -> serde_json::Value {
-        let text = std::fs::read_to_string(run(number).join("results.json")).unwrap();
-        serde_json::from_str(&text).unwrap()
-    };
-    for file in ["hopper-expert.hdf5", "returns.svg", "returns.png", "config.json"] {
-        assert!(run("001").join(file).exists() && run("002").join(file).exists(), "{file}");
-    }
-    // Equal seeds, equal data, byte for byte.
-    let data = |number| std::fs::read(run(number).join("hopper-expert.hdf5")).unwrap();
-    assert!(data("001") == data("002"));
-
-    // An interruption after the data and the first evaluation.
-    let before = results("002");
-    for file in ["results.json", "evaluation-random.json", "returns.svg", "returns.png"] {
-        std::fs::remove_file(run("002").join(file)).unwrap();
-    }
-    let resumed = palr_gym(folder.path(), &["demo", "--resume", "--json"]);
-    assert!(resumed.status.success());
-    assert!(!run("003").exists());
-    let after = results("002");
-    assert_eq!(after["evaluations"][0], before["evaluations"][0]);
-    assert_eq!(after["evaluations"][1]["episodes"], before["evaluations"][1]["episodes"]);
-    assert!(after["data"]["was_complete"].as_bool().unwrap());
-}

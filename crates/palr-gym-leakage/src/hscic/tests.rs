@@ -163,6 +163,13 @@ fn what_cannot_be_estimated_is_refused_with_the_reason() {
         refusal(&nan, &y, &config),
         "representation has NaN at row 4, column 1; expected finite numbers"
     );
+    let mut constant = y.clone();
+    constant.iter_mut().for_each(|row| row[1] = 0.5);
+    refuse_constant("past_action", matrix(&y).as_ref()).unwrap();
+    assert_eq!(
+        refuse_constant("past_action", matrix(&constant).as_ref()).unwrap_err().to_string(),
+        "column 1 of past_action is 0.5 in all 10 samples; expected values that vary"
+    );
     let negative = HscicConfig { ridge: -1.0, ..config };
     assert_eq!(refusal(&x, &y, &negative), "ridge is -1; expected a positive, finite number");
     let one = Mat::from_fn(1, 1, |_, _| 0.0);

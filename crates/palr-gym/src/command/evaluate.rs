@@ -37,7 +37,7 @@ pub fn action_mode(sampled: bool) -> ActionMode {
 pub async fn with_progress(
     client: &Client,
     options: &EvaluateOptions,
-    label: &'static str,
+    label: &str,
 ) -> anyhow::Result<Evaluation> {
     let bar = progress::bar(label, u64::from(options.episodes), "episodes");
     let evaluation = evaluate(client, options, |episode| {

@@ -1,207 +1,195 @@
 //! `palr-gym train`
 
-use std::io::Write;
-use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 
-use anyhow::Context;
-use indicatif::ProgressBar;
-use palr_gym_trainer::imitate::{DataConfig, Prepared, imitate, prepare};
-use palr_gym_trainer::learning::{Algorithm, Progress, TrainConfig, WeightsMode};
+use palr_gym_core::{ActionMode, EnvId};
+use palr_gym_proto::v1::collect_request::Amount;
+use palr_gym_trainer::collect::{CollectOptions, Existing};
+use palr_gym_trainer::imitate::settings::{
+    Settings, algorithm, layer_from_assignment, layer_from_toml, merge, nest, refuse_unknown,
+};
+use palr_gym_trainer::imitate::{Imitation, Outcome};
+use palr_gym_trainer::learning::TrainError;
 use palr_gym_trainer::runs::Run;
-use serde::Serialize;
+use palr_gym_trainer::{Client, ClientError, PolicySource};
+use serde_json::Value;
+use tokio::sync::mpsc::unbounded_channel;
 
-use crate::cli::{AlgorithmName, TrainArguments, WeightsName};
-use crate::{backend, output, progress};
+use super::collect;
+use crate::cli::TrainArguments;
+use crate::interrupt::{Interrupted, stop_on_signals};
+use crate::watch::Watch;
+use crate::{backend, build, output};
 
-const CONFIG: &str = "train.json";
-const DATA: &str = "data.json";
-const METRICS: &str = "metrics.jsonl";
-/// Held-out rows come from at least so many episodes, so that they say something about more than
-/// one.
-const HELD_OUT_EPISODES: usize = 20;
-
-/// What a run came to.
-#[derive(Serialize)]
-struct Report {
-    run_folder: PathBuf,
-    is_complete: bool,
-    step: u64,
-    /// There once the run is complete.
-    policy: Option<PathBuf>,
-    last: Option<Metrics>,
-}
-
-/// One line of `metrics.jsonl`.
-#[derive(Debug, Clone, Serialize)]
-struct Metrics {
-    step: u64,
-    batch_nll: f64,
-    batch_hscic: Option<f64>,
-    training_nll: f64,
-    training_hscic: f64,
-    held_out_nll: Option<f64>,
-    held_out_hscic: Option<f64>,
-}
-
-impl From<&Progress> for Metrics {
-    fn from(progress: &Progress) -> Self {
-        let held_out = progress.held_out.as_ref();
-        Self {
-            step: progress.step,
-            batch_nll: progress.batch_nll,
-            batch_hscic: progress.batch_hscic,
-            training_nll: progress.training.nll,
-            training_hscic: progress.training.hscic,
-            held_out_nll: held_out.map(|measured| measured.nll),
-            held_out_hscic: held_out.map(|measured| measured.hscic),
-        }
-    }
-}
+/// Recorded when a run names no data: the paper's 30 000 rows, and 20 episodes to hold out.
+const DEFAULT_TRANSITIONS: u64 = 55_000;
 
 /// Trains and says where the policy is.
 pub async fn run(arguments: TrainArguments) -> anyhow::Result<()> {
-    let settings = Settings::from_arguments(&arguments)?;
-    let client = backend::connect(&arguments.server).await?;
-    // What is wrong with the data is found before a folder is made.
-    let prepared = match &settings.fresh {
-        Some((_, data)) => Some(prepare(&client, data).await?),
-        None => None,
-    };
-    let (run, config, data) = settings.open(&arguments.out)?;
-    let prepared = match prepared {
-        Some(prepared) => prepared,
-        None => prepare(&client, &data).await?,
-    };
-    let is_interrupted = Arc::new(AtomicBool::new(false));
-    let flag = Arc::clone(&is_interrupted);
-    tokio::spawn(async move {
-        if tokio::signal::ctrl_c().await.is_ok() {
-            flag.store(true, Ordering::Relaxed);
-        }
-    });
-    let bar = progress::bar("train", config.steps, "steps");
-    let shown = bar.clone();
-    let report = tokio::task::spawn_blocking(move || {
-        learn(&run, &config, &prepared, arguments.resume, &is_interrupted, &shown)
-    })
-    .await
-    .context("the trainer panicked")?;
-    bar.finish_and_clear();
-    let report = report?;
-    if arguments.json {
-        return output::json(&report);
+    let mut layers = Vec::new();
+    for path in &arguments.config {
+        let text = std::fs::read_to_string(path).map_err(|error| ClientError::file(path, error))?;
+        let layer = layer_from_toml(&text).map_err(|error| named(path, error))?;
+        refuse_unknown(&layer).map_err(|error| named(path, error))?;
+        layers.push(layer);
     }
-    let folder = report.run_folder.display();
-    match (&report.policy, &report.last) {
-        (Some(policy), Some(last)) => println!(
-            "{}: {} steps, likelihood {:.4} nats (held out {})",
-            policy.display(),
-            report.step,
-            -last.training_nll,
-            last.held_out_nll.map_or_else(|| "not measured".into(), |nll| format!("{:.4}", -nll)),
-        ),
-        (Some(policy), None) => println!("{}: was complete already", policy.display()),
-        _ => println!("{folder}: stopped at step {}; --resume goes on", report.step),
+    layers.extend(arguments.flag_layers()?);
+    if let Some(alpha) = arguments.alpha {
+        layers.push(alpha_layer(&layers, alpha)?);
+    }
+    for assignment in &arguments.set {
+        layers.push(layer_from_assignment(assignment)?);
+    }
+    let is_fresh = arguments.resume.is_none();
+    let default_data = if is_fresh { default_data(&layers, &arguments.out)? } else { None };
+    if let Some(data) = &default_data {
+        layers.insert(0, nest("data", data.path.to_string_lossy().into()));
+    }
+    if is_fresh {
+        // What is wrong with the settings is found before anything else happens.
+        let settings = Settings::from_layers(&layers)?;
+        if arguments.print_config {
+            print!("{}", settings.to_toml()?);
+            return Ok(());
+        }
+    }
+    let client = backend::connect(&arguments.server).await?;
+    let imitation = match &arguments.resume {
+        None => {
+            if let Some(data) = &default_data {
+                data.record(&client).await?;
+            }
+            let settings = Settings::from_layers(&layers)?;
+            Imitation::start(&client, &arguments.out, settings, build::GIT_REVISION).await?
+        }
+        Some(folder) => {
+            let run = match folder {
+                Some(folder) => Run::open(folder)?,
+                None => Run::open_latest(&arguments.out)?,
+            };
+            let over = |mut stored: Value| {
+                for layer in &layers {
+                    merge(&mut stored, layer);
+                }
+                Settings::from_layers(&[stored])
+            };
+            if arguments.print_config {
+                let manifest = palr_gym_trainer::imitate::manifest::Manifest::read(run.folder())?;
+                print!("{}", over(manifest.settings)?.to_toml()?);
+                return Ok(());
+            }
+            Imitation::resume(&client, run, over).await?
+        }
+    };
+    let outcome = learn(&client, imitation, arguments.json).await?;
+    report(&outcome, arguments.json)
+}
+
+/// α is a setting of its own in each method.
+fn alpha_layer(layers: &[Value], alpha: f64) -> anyhow::Result<Value> {
+    let named = layers.iter().rev().find(|layer| layer.get("algorithm").is_some());
+    let algorithm = algorithm(named.unwrap_or(&Value::Null))?;
+    let Some(setting) = algorithm.alpha_setting() else {
+        let message = format!("{} has no α; leave --alpha away", algorithm.name());
+        return Err(ClientError::from(TrainError::Setting { message }).into());
+    };
+    Ok(nest(setting, alpha.into()))
+}
+
+async fn learn(client: &Client, imitation: Imitation, is_quiet: bool) -> anyhow::Result<Outcome> {
+    let is_stopped = stop_on_signals();
+    let settings = imitation.settings();
+    let label = settings.train.algorithm.name().to_owned();
+    let watch = Watch::new(&label, settings.train.steps, is_quiet);
+    if !is_quiet {
+        eprintln!("run folder {}", imitation.folder().display());
+    }
+    let (sender, receiver) = unbounded_channel();
+    let watching = tokio::spawn(watch.follow(receiver));
+    let outcome = imitation.run(client, Arc::clone(&is_stopped), sender).await;
+    // It ends with the run; what it showed does not matter any more.
+    let _ = watching.await;
+    Ok(outcome?)
+}
+
+fn report(outcome: &Outcome, is_json: bool) -> anyhow::Result<()> {
+    if is_json {
+        output::json(outcome)?;
+    }
+    let folder = outcome.run_folder.display();
+    if !outcome.is_complete {
+        return Err(Interrupted {
+            message: format!(
+                "stopped at step {}; `palr-gym train --resume {folder}` goes on",
+                outcome.step
+            ),
+        }
+        .into());
+    }
+    if is_json {
+        return Ok(());
+    }
+    match &outcome.last {
+        Some(last) => {
+            let held_out = last.held_out_nll.map(|nll| format!(", held out {:.4}", -nll));
+            let held_out = held_out.unwrap_or_default();
+            let likelihood = -last.training_nll;
+            println!("{folder}: {} steps, log-likelihood {likelihood:.4}{held_out}", outcome.step);
+        }
+        None => println!("{folder}: was complete already, {} steps", outcome.step),
+    }
+    if let Some(evaluation) = &outcome.evaluation {
+        println!(
+            "{folder}: score {:.1}{} over {} episodes at step {}",
+            evaluation.score_mean,
+            evaluation.score_standard_error.map(|se| format!(" ± {se:.1}")).unwrap_or_default(),
+            evaluation.episodes,
+            evaluation.step,
+        );
     }
     Ok(())
 }
 
-/// What to do: fresh settings, or those of the run that is resumed.
-struct Settings {
-    fresh: Option<(TrainConfig, DataConfig)>,
+/// The recording of a run that names none.
+struct DefaultData {
+    task: String,
+    path: PathBuf,
 }
 
-impl Settings {
-    fn from_arguments(arguments: &TrainArguments) -> anyhow::Result<Self> {
-        let (Some(env_id), Some(data), false) = (&arguments.env, &arguments.data, arguments.resume)
-        else {
-            return Ok(Self { fresh: None });
-        };
-        let mut config = TrainConfig {
-            algorithm: match arguments.algorithm {
-                AlgorithmName::Bc => Algorithm::Bc,
-                AlgorithmName::Palr => Algorithm::Palr,
-            },
-            steps: arguments.steps,
-            batch: arguments.batch,
-            seed: arguments.seed,
-            log_every: arguments.log_every,
-            ..TrainConfig::default()
-        };
-        config.palr.alpha = arguments.alpha;
-        config.palr.weights = match arguments.weights {
-            WeightsName::Exact => WeightsMode::Exact,
-            WeightsName::Pool => WeightsMode::Pool,
-        };
-        config.validate().map_err(palr_gym_trainer::ClientError::from)?;
-        let data = DataConfig {
-            env_id: env_id.clone(),
-            data: std::path::absolute(data)?,
-            training_rows: arguments.training_rows,
-            held_out_rows: arguments.held_out_rows,
-            held_out_episodes: HELD_OUT_EPISODES,
-        };
-        Ok(Self { fresh: Some((config, data)) })
-    }
+/// Which recording a run gets that names an environment but no data.
+fn default_data(layers: &[Value], out: &Path) -> anyhow::Result<Option<DefaultData>> {
+    let text = |key: &str| layers.iter().rev().find_map(|layer| layer.get(key)?.as_str());
+    let (None, Some(env)) = (text("data"), text("env")) else { return Ok(None) };
+    // An id that cannot be read is refused by the server, with the nearest one.
+    let Ok(env_id) = env.parse::<EnvId>() else { return Ok(None) };
+    let folder = out.parent().unwrap_or(Path::new("")).join("data");
+    let name = format!("{}-expert-sampled-{DEFAULT_TRANSITIONS}.hdf5", env_id.task);
+    let path = std::path::absolute(folder.join(name))?;
+    Ok(Some(DefaultData { task: env_id.task, path }))
+}
 
-    fn open(self, out: &Path) -> anyhow::Result<(Run, TrainConfig, DataConfig)> {
-        if let Some((config, data)) = self.fresh {
-            let run = Run::create(out)?;
-            run.write_json(CONFIG, &config)?;
-            run.write_json(DATA, &data)?;
-            return Ok((run, config, data));
+impl DefaultData {
+    /// Records it, goes on with it, or leaves it as it is.
+    async fn record(&self, client: &Client) -> anyhow::Result<()> {
+        if let Some(folder) = self.path.parent() {
+            std::fs::create_dir_all(folder).map_err(|error| ClientError::file(folder, error))?;
         }
-        let run = Run::open_latest(out)?;
-        let folder = run.folder().display().to_string();
-        let began = || format!("{folder} was interrupted before it began; start a new run");
-        let config: serde_json::Value = run.read_json(CONFIG)?.with_context(began)?;
-        let config = TrainConfig::from_json(config).map_err(palr_gym_trainer::ClientError::from)?;
-        let data = run.read_json(DATA)?.with_context(began)?;
-        Ok((run, config, data))
+        let options = CollectOptions {
+            env_id: self.task.clone(),
+            policy: PolicySource::Expert,
+            amount: Amount::Transitions(DEFAULT_TRANSITIONS),
+            seed: 0,
+            action_mode: ActionMode::Sampled,
+            num_envs: None,
+            out: self.path.clone(),
+            existing: Existing::Resume,
+        };
+        collect::with_progress(client, &options).await?;
+        Ok(())
     }
 }
 
-fn learn(
-    run: &Run,
-    config: &TrainConfig,
-    prepared: &Prepared,
-    resume: bool,
-    is_interrupted: &AtomicBool,
-    bar: &ProgressBar,
-) -> anyhow::Result<Report> {
-    let mut metrics =
-        std::fs::OpenOptions::new().create(true).append(true).open(run.path(METRICS))?;
-    let mut last = None;
-    let mut failed = None;
-    let trained = imitate(run, config, prepared, resume, |progress| {
-        let line = Metrics::from(progress);
-        bar.set_position(progress.step);
-        bar.set_message(format!(
-            "· nll {:.4}, hscic {:.2e}",
-            line.training_nll, line.training_hscic
-        ));
-        let written = serde_json::to_string(&line)
-            .map_err(anyhow::Error::from)
-            .and_then(|text| Ok(writeln!(metrics, "{text}")?));
-        last = Some(line);
-        failed = written.err();
-        if failed.is_some() || is_interrupted.load(Ordering::Relaxed) {
-            ControlFlow::Break(())
-        } else {
-            ControlFlow::Continue(())
-        }
-    })?;
-    if let Some(error) = failed {
-        return Err(error.context(format!("cannot write {}", run.path(METRICS).display())));
-    }
-    Ok(Report {
-        run_folder: run.folder().to_path_buf(),
-        is_complete: trained.is_complete,
-        step: trained.step,
-        policy: trained.is_complete.then(|| run.path("policy.onnx")),
-        last,
-    })
+fn named(path: &Path, error: ClientError) -> ClientError {
+    ClientError::Settings { path: path.into(), cause: Box::new(error) }
 }

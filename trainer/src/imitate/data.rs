@@ -1,0 +1,124 @@
+//! The rows that a run trains on, read from a data file.
+
+use std::fs::File;
+use std::io::{BufRead, BufReader};
+use std::path::Path;
+
+use palr_gym_data::{Demonstrations, Samples, Selection, View};
+use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
+
+use crate::client::Client;
+use crate::error::ClientError;
+use crate::imitate::settings::Settings;
+use crate::leakage::view;
+use crate::learning::TrainingSet;
+use crate::learning::config::StatisticsRows;
+use crate::learning::data::Standardization;
+
+/// Which data a run saw.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct DataIdentity {
+    /// Of the whole file, in lower-case hexadecimal digits.
+    pub sha256: String,
+    /// Rows in the file.
+    pub transitions: usize,
+    /// What the file says that it holds, if it does.
+    pub env_id: Option<String>,
+}
+
+/// Rows as a method trains on them.
+#[derive(Debug)]
+pub struct Prepared {
+    /// For the loss.
+    pub training: TrainingSet,
+    /// For reports of progress.
+    pub held_out: Option<TrainingSet>,
+    /// Where they are from.
+    pub identity: DataIdentity,
+    /// Canonical id of the environment.
+    pub env_id: String,
+}
+
+/// Reads the rows that `settings` name.
+///
+/// # Errors
+/// [`ClientError::Data`] for a file that does not fit, [`ClientError::Train`] for rows that cannot
+/// be trained on, [`ClientError::Status`].
+pub async fn prepare(client: &Client, settings: &Settings) -> Result<Prepared, ClientError> {
+    let Settings { run: settings, train } = settings;
+    let spec = client.spec(&settings.env).await?;
+    let view = view(client, &spec).await?;
+    let demonstrations = Demonstrations::read(&settings.data)?;
+    let rows = Rows::select(&demonstrations, &view, Selection::first(settings.training_rows))?;
+    let statistics = match train.statistics {
+        StatisticsRows::Training => {
+            Standardization::of(&rows.observations, view.observation_size())?
+        }
+        StatisticsRows::All => {
+            let all = Selection::first(demonstrations.transitions());
+            let all = Rows::select(&demonstrations, &view, all)?;
+            Standardization::of(&all.observations, view.observation_size())?
+        }
+    };
+    let training = TrainingSet::with_statistics(
+        &rows.observations,
+        statistics,
+        rows.actions,
+        rows.past_actions,
+        view.action_size,
+    )?;
+    training.check_actions_vary()?;
+    let held_out = match settings.held_out_selection() {
+        Some(selection) => {
+            let rows = Rows::select(&demonstrations, &view, selection)?;
+            Some(training.like(&rows.observations, rows.actions, rows.past_actions)?)
+        }
+        None => None,
+    };
+    let identity = DataIdentity {
+        sha256: sha256(&settings.data)?,
+        transitions: demonstrations.transitions(),
+        env_id: demonstrations.env_id().map(str::to_owned),
+    };
+    Ok(Prepared { training, held_out, identity, env_id: spec.env_id })
+}
+
+/// Samples, flat.
+struct Rows {
+    observations: Vec<f32>,
+    actions: Vec<f32>,
+    past_actions: Vec<f32>,
+}
+
+impl Rows {
+    fn select(
+        demonstrations: &Demonstrations,
+        view: &View,
+        selection: Selection,
+    ) -> Result<Self, ClientError> {
+        let samples = Samples::select(demonstrations, view, selection)?;
+        Ok(Self {
+            observations: samples.observations.iter().copied().collect(),
+            actions: samples.actions.iter().copied().collect(),
+            past_actions: samples.past_actions.iter().copied().collect(),
+        })
+    }
+}
+
+/// Of a file's bytes, which may be more than fit into memory.
+fn sha256(path: &Path) -> Result<String, ClientError> {
+    let failed = |error| ClientError::file(path, error);
+    let mut hasher = Sha256::new();
+    let mut file = BufReader::with_capacity(1 << 20, File::open(path).map_err(failed)?);
+    loop {
+        let bytes = file.fill_buf().map_err(failed)?;
+        if bytes.is_empty() {
+            break;
+        }
+        hasher.update(bytes);
+        let count = bytes.len();
+        file.consume(count);
+    }
+    Ok(hasher.finalize().iter().map(|byte| format!("{byte:02x}")).collect())
+}
