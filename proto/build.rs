@@ -2,12 +2,13 @@
 
 use std::path::PathBuf;
 
-const FILES: [&str; 5] = [
+const FILES: [&str; 6] = [
     "palr_gym/v1/environment_service.proto",
     "palr_gym/v1/evaluation_service.proto",
     "palr_gym/v1/collection_service.proto",
     "palr_gym/v1/leakage_service.proto",
     "palr_gym/v1/server_service.proto",
+    "palr_gym/v1/snapshot_service.proto",
 ];
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {

@@ -49,6 +49,12 @@ pub struct Limits {
     pub max_leakage_samples: usize,
     /// Bytes in a request without a policy.
     pub max_message_bytes: usize,
+    /// Bytes of arrays in the answer to an open loop.
+    pub max_answer_bytes: usize,
+    /// Steps in an open loop.
+    pub max_open_loop_steps: usize,
+    /// Bytes in a snapshot.
+    pub max_snapshot_bytes: usize,
     /// Size and speed of policies.
     pub policy: PolicyLimits,
     /// A session without requests is closed after this long.
@@ -68,6 +74,9 @@ impl Default for Limits {
             max_transitions: 1_000_000_000,
             max_leakage_samples: 4096,
             max_message_bytes: 4 << 20,
+            max_answer_bytes: 64 << 20,
+            max_open_loop_steps: 1000,
+            max_snapshot_bytes: 64 << 20,
             policy: PolicyLimits::default(),
             session_idle: Duration::from_secs(600),
         }

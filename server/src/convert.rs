@@ -2,14 +2,14 @@
 
 use bytes::Bytes;
 use faer::Mat;
-use palr_gym_core::{ActionMode, AutoresetMode, BoxSpace, EnvSpec, Mask, OutOfBounds};
+use palr_gym_core::{ActionMode, AutoresetMode, BoxSpace, EnvSpec, Fidelity, Mask, OutOfBounds};
 use palr_gym_proto::v1;
-use palr_gym_sim::{StepFrame, Task};
+use palr_gym_sim::{Task, VectorOptions, tasks};
 
+use crate::encode::ObservationType;
 use crate::error::ServerError;
 use crate::experts::{self, MODEL_CARD, sha256};
 use crate::rollout::{Amount, EpisodeResult, EpisodeTransitions, EvaluationSummary, PolicyChoice};
-use crate::session::Encode;
 
 // Payloads are little-endian; so is every machine that MuJoCo's wheels exist for.
 const _: () = assert!(cfg!(target_endian = "little"));
@@ -79,12 +79,22 @@ pub(crate) fn matrix(
     Ok(Mat::from_fn(rows, columns, |i, j| values[i * columns + j]))
 }
 
-/// The actions of a step: float32 `[num_envs, action_size]`.
+/// The actions of one step, or of several.
+#[derive(Debug, PartialEq)]
+pub(crate) struct Actions {
+    /// `[steps, num_envs, action_size]`.
+    pub(crate) values: Vec<f32>,
+    /// Set if the actions are those of an open loop.
+    pub(crate) open_loop: Option<usize>,
+}
+
+/// The actions of a step, float32 `[num_envs, action_size]`, or of several,
+/// `[K, num_envs, action_size]`.
 pub(crate) fn actions(
     tensor: Option<&v1::Tensor>,
     num_envs: usize,
     action_size: usize,
-) -> Result<Vec<f32>, ServerError> {
+) -> Result<Actions, ServerError> {
     let tensor = tensor.ok_or(ServerError::Missing {
         field: "actions",
         want: "a float32 tensor [num_envs, action size]",
@@ -98,8 +108,14 @@ pub(crate) fn actions(
         };
         return Err(ServerError::ActionDtype { got });
     }
-    let is_shaped = tensor.shape == [num_envs as i64, action_size as i64];
-    if !is_shaped || tensor.data.len() != num_envs * action_size * size_of::<f32>() {
+    let own = [num_envs as i64, action_size as i64];
+    let open_loop = match *tensor.shape {
+        [steps, rows, columns] if [rows, columns] == own && steps >= 1 => Some(steps as usize),
+        _ => None,
+    };
+    let is_shaped = open_loop.is_some() || tensor.shape == own;
+    let count = (num_envs * action_size).checked_mul(open_loop.unwrap_or(1));
+    if !is_shaped || count.and_then(|count| count.checked_mul(4)) != Some(tensor.data.len()) {
         return Err(ServerError::ActionShape {
             // As much of a stranger's shape as is worth quoting.
             got: tensor.shape.iter().copied().take(8).collect(),
@@ -109,51 +125,29 @@ pub(crate) fn actions(
         });
     }
     // The payload sits at any address inside the received message.
-    Ok(bytemuck::allocation::pod_collect_to_vec(&tensor.data))
+    Ok(Actions { values: bytemuck::allocation::pod_collect_to_vec(&tensor.data), open_loop })
 }
 
-/// Encodes answers on the simulation thread, so that the network threads only copy bytes.
-#[derive(Debug, Clone, Copy)]
-pub struct WireEncode;
-
-/// The answer to a reset or a step.
-#[derive(Debug)]
-pub enum WireAnswer {
-    /// To a reset.
-    Reset(v1::ResetResponse),
-    /// To a step.
-    Step(Box<v1::StepResponse>),
+pub(crate) fn observation_type(value: i32) -> Result<ObservationType, ServerError> {
+    let want = "FLOAT64 or FLOAT32";
+    match known(value, "observation_dtype", want)? {
+        v1::DataType::Unspecified | v1::DataType::Float64 => Ok(ObservationType::Float64),
+        v1::DataType::Float32 => Ok(ObservationType::Float32),
+        v1::DataType::Bool => {
+            Err(ServerError::UnknownEnum { field: "observation_dtype", got: value, want })
+        }
+    }
 }
 
-impl Encode for WireEncode {
-    type Answer = WireAnswer;
-
-    fn reset(&self, spec: &EnvSpec, observations: &[f64]) -> WireAnswer {
-        let size = spec.observation_size();
-        WireAnswer::Reset(v1::ResetResponse {
-            observations: Some(float64(observations, &[observations.len() / size, size])),
-        })
+fn fidelity(fidelity: Fidelity) -> v1::Fidelity {
+    match fidelity {
+        Fidelity::Gym4 => v1::Fidelity::Gym4,
+        Fidelity::Gym5 => v1::Fidelity::Gym5,
     }
+}
 
-    fn step(&self, spec: &EnvSpec, frame: &StepFrame) -> WireAnswer {
-        let (size, num_envs) = (spec.observation_size(), frame.rewards.len());
-        let ended: Vec<f64> = frame
-            .final_observations
-            .chunks_exact(size)
-            .zip(frame.terminated.iter().zip(&frame.truncated))
-            .filter(|(_, (terminated, truncated))| **terminated || **truncated)
-            .flat_map(|(row, _)| row.iter().copied())
-            .collect();
-        WireAnswer::Step(Box::new(v1::StepResponse {
-            observations: Some(float64(&frame.observations, &[num_envs, size])),
-            rewards: Some(float64(&frame.rewards, &[num_envs])),
-            terminated: Some(boolean(&frame.terminated, &[num_envs])),
-            truncated: Some(boolean(&frame.truncated, &[num_envs])),
-            info: Some(float64(&frame.info, &[num_envs, spec.task.info_names.len()])),
-            final_observations: (!ended.is_empty())
-                .then(|| float64(&ended, &[ended.len() / size, size])),
-        }))
-    }
+fn names(names: &[&str]) -> Vec<String> {
+    names.iter().map(|&name| name.to_owned()).collect()
 }
 
 fn box_space(space: BoxSpace, dtype: v1::DataType) -> v1::BoxSpace {
@@ -183,23 +177,29 @@ fn reference_returns(returns: palr_gym_core::ReferenceReturns) -> v1::ReferenceR
 }
 
 /// What an environment is.
-pub(crate) fn environment_spec(spec: &EnvSpec) -> v1::EnvironmentSpec {
+pub(crate) fn environment_spec(
+    spec: &EnvSpec,
+    observation_type: ObservationType,
+) -> v1::EnvironmentSpec {
     let task = spec.task;
     v1::EnvironmentSpec {
         env_id: spec.env_id.to_string(),
         task: task.name.to_owned(),
         mask: mask(spec.env_id.mask).into(),
         frame_stack: spec.env_id.frame_stack as u32,
-        observation_space: Some(box_space(spec.observation_space(), v1::DataType::Float64)),
+        observation_space: Some(box_space(spec.observation_space(), observation_type.dtype())),
         action_space: Some(box_space(spec.action_space(), v1::DataType::Float32)),
         max_episode_steps: task.max_episode_steps,
         frame_skip: task.frame_skip,
         physics_timestep_s: task.physics_timestep_s,
         control_timestep_s: task.control_timestep_s(),
-        info_names: task.info_names.iter().map(|&name| name.to_owned()).collect(),
+        info_names: names(task.info_names),
         reference_returns: Some(reference_returns(task.reference_returns)),
         has_expert: experts::expert(task.name).is_some(),
         mask_indices: indices(&spec.mask_indices),
+        fidelity: fidelity(task.fidelity).into(),
+        equals: task.equals.to_owned(),
+        reset_info_names: names(task.reset_info_names),
     }
 }
 
@@ -226,6 +226,18 @@ pub(crate) fn task(task: &dyn Task) -> v1::Task {
             card_return: expert.card_return,
             model_card: MODEL_CARD.to_owned(),
         }),
+        fidelity_profiles: Fidelity::ALL
+            .into_iter()
+            .flat_map(tasks::tasks)
+            .map(|task| task.spec())
+            .filter(|profile| profile.name == spec.name)
+            .map(|profile| v1::FidelityProfile {
+                fidelity: fidelity(profile.fidelity).into(),
+                id_suffix: profile.fidelity.suffix().to_owned(),
+                equals: profile.equals.to_owned(),
+                full_observation_size: profile.observation.len() as u32,
+            })
+            .collect(),
     }
 }
 
@@ -253,6 +265,21 @@ pub(crate) fn out_of_bounds(value: i32) -> Result<OutOfBounds, ServerError> {
         v1::OutOfBounds::Clip => OutOfBounds::Clip,
         v1::OutOfBounds::Raw => OutOfBounds::Raw,
     })
+}
+
+/// What a session's options are called on the wire.
+pub(crate) fn options(options: VectorOptions) -> (v1::AutoresetMode, v1::OutOfBounds) {
+    let autoreset_mode = match options.autoreset_mode {
+        AutoresetMode::NextStep => v1::AutoresetMode::NextStep,
+        AutoresetMode::SameStep => v1::AutoresetMode::SameStep,
+        AutoresetMode::Disabled => v1::AutoresetMode::Disabled,
+    };
+    let out_of_bounds = match options.out_of_bounds {
+        OutOfBounds::Reject => v1::OutOfBounds::Reject,
+        OutOfBounds::Clip => v1::OutOfBounds::Clip,
+        OutOfBounds::Raw => v1::OutOfBounds::Raw,
+    };
+    (autoreset_mode, out_of_bounds)
 }
 
 pub(crate) fn action_mode(value: i32) -> Result<ActionMode, ServerError> {

@@ -119,6 +119,35 @@ pub enum ServerError {
         /// Entries of an action.
         action_size: usize,
     },
+    /// More steps in an open loop than allowed, or a larger answer.
+    #[error(
+        "an open loop of {steps} steps, whose answer has {answer_bytes} bytes; expected 1 to {max_steps} steps and at most {max_answer_bytes} bytes"
+    )]
+    OpenLoop {
+        /// Steps asked for.
+        steps: usize,
+        /// Bytes of arrays that the answer would have.
+        answer_bytes: usize,
+        /// The limit of steps.
+        max_steps: usize,
+        /// The limit of bytes.
+        max_answer_bytes: usize,
+    },
+    /// A snapshot of a session whose observations have another type.
+    #[error(
+        "the snapshot is of a session with another observation_dtype; open one from the snapshot instead"
+    )]
+    SnapshotTag,
+    /// A session too large for a snapshot.
+    #[error("a snapshot of session {id} has {got} bytes; this server allows {max}")]
+    SnapshotTooLarge {
+        /// The session.
+        id: SessionId,
+        /// Bytes it would have.
+        got: usize,
+        /// The limit.
+        max: usize,
+    },
     /// A required field is unset.
     #[error("{field} is not set; expected {want}")]
     Missing {

@@ -7,12 +7,13 @@
 //! - [`leakage`]: HSCIC of uploaded arrays, or of what a policy does on them.
 //! - [`experts`]: the policies that ship with the server.
 //! - [`error`], [`status`]: domain errors; the one map from them to gRPC statuses.
-//! - [`convert`]: domain values to messages and back.
+//! - [`convert`]: domain values to messages and back; [`encode`]: answers of sessions.
 //! - [`services`]: one file a gRPC service. `tonic::Status` is spoken only there and in [`status`].
 //! - [`transport`]: listening, health, reflection, draining.
 
 pub mod config;
 pub mod convert;
+pub mod encode;
 pub mod error;
 pub mod experts;
 pub mod leakage;

@@ -6,6 +6,7 @@ mod evaluation;
 mod leakage;
 mod rollouts;
 mod server_info;
+mod snapshot;
 
 use std::sync::Arc;
 
@@ -14,7 +15,7 @@ use tokio::sync::Semaphore;
 use tokio_util::sync::CancellationToken;
 
 use crate::config::Limits;
-use crate::convert::WireEncode;
+use crate::encode::WireEncode;
 use crate::sessions::Sessions;
 
 /// What the services share.

@@ -11,8 +11,11 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
+use bytes::Bytes;
 use palr_gym_core::EnvSpec;
-use palr_gym_sim::{Job as ThreadJob, SimulationThreads, StepFrame, VectorEnv};
+use palr_gym_sim::{
+    Job as ThreadJob, SimError, SimulationThreads, Snapshot, StepFrame, VectorEnv, VectorOptions,
+};
 use tokio::sync::oneshot;
 use uuid::Uuid;
 
@@ -57,6 +60,44 @@ pub enum Command {
         /// `[num_envs, action_size]`.
         actions: Vec<f32>,
     },
+    /// Step every environment several times.
+    OpenLoop {
+        /// `[steps, num_envs, action_size]`.
+        actions: Vec<f32>,
+        /// How often.
+        steps: usize,
+    },
+    /// Tell where the environments stand, as after a restore.
+    Standing,
+    /// Tell the whole state.
+    Snapshot,
+    /// Take a state up again.
+    Restore {
+        /// What a snapshot said.
+        snapshot: Bytes,
+    },
+}
+
+/// Where an environment stands after a reset or a restore.
+#[derive(Debug, Clone, Default)]
+pub struct Standing {
+    /// `[num_envs, observation_size]`.
+    pub observations: Vec<f64>,
+    /// `[num_envs, reset_info_names]`; NaN in rows that were not reset.
+    pub reset_info: Vec<f64>,
+    /// `[num_envs]`: the episode has ended.
+    pub is_over: Vec<bool>,
+    /// There was a reset at some time.
+    pub was_reset: bool,
+}
+
+impl Standing {
+    fn look(&mut self, env: &VectorEnv) {
+        env.observations_into(&mut self.observations);
+        env.reset_info_into(&mut self.reset_info);
+        env.is_over_into(&mut self.is_over);
+        self.was_reset = env.was_reset();
+    }
 }
 
 /// What a session answers. Generic over how a frame leaves the simulation thread, so that wire
@@ -65,11 +106,24 @@ pub trait Encode: Send + Sync + 'static {
     /// An answer, ready to be sent.
     type Answer: Send + 'static;
 
-    /// After a reset: every current observation.
-    fn reset(&self, spec: &EnvSpec, observations: &[f64]) -> Self::Answer;
+    /// After a reset.
+    fn reset(&self, spec: &EnvSpec, standing: &Standing) -> Self::Answer;
 
     /// After a step.
     fn step(&self, spec: &EnvSpec, frame: &StepFrame) -> Self::Answer;
+
+    /// After several.
+    fn open_loop(&self, spec: &EnvSpec, frame: &StepFrame) -> Self::Answer;
+
+    /// What of this encoding a snapshot must keep.
+    fn tag(&self) -> u8;
+
+    /// A snapshot.
+    fn snapshot(&self, snapshot: Vec<u8>) -> Self::Answer;
+
+    /// After a restore.
+    fn restored(&self, spec: &EnvSpec, options: VectorOptions, standing: &Standing)
+    -> Self::Answer;
 }
 
 /// What will come of a submitted command.
@@ -91,7 +145,7 @@ struct Queue<A> {
 struct Bench {
     env: VectorEnv,
     frame: StepFrame,
-    observations: Vec<f64>,
+    standing: Standing,
 }
 
 /// N environments behind a queue.
@@ -99,6 +153,8 @@ pub struct Session<E: Encode> {
     id: SessionId,
     spec: Arc<EnvSpec>,
     num_envs: usize,
+    options: VectorOptions,
+    snapshot_len: usize,
     encode: E,
     threads: SimulationThreads,
     queue: Mutex<Queue<E::Answer>>,
@@ -116,6 +172,8 @@ impl<E: Encode> Session<E> {
             id: SessionId::random(),
             spec: Arc::clone(env.spec()),
             num_envs: env.len(),
+            options: env.options(),
+            snapshot_len: env.snapshot_len(),
             encode,
             threads,
             queue: Mutex::new(Queue {
@@ -123,7 +181,11 @@ impl<E: Encode> Session<E> {
                 is_scheduled: false,
                 is_broken: false,
             }),
-            bench: Mutex::new(Bench { env, frame: StepFrame::default(), observations: Vec::new() }),
+            bench: Mutex::new(Bench {
+                env,
+                frame: StepFrame::default(),
+                standing: Standing::default(),
+            }),
             opened: Instant::now(),
             last_used_ms: AtomicU64::new(0),
             max_queued,
@@ -143,6 +205,21 @@ impl<E: Encode> Session<E> {
     /// Number of environments.
     pub fn num_envs(&self) -> usize {
         self.num_envs
+    }
+
+    /// How it treats ends and actions.
+    pub fn options(&self) -> VectorOptions {
+        self.options
+    }
+
+    /// How its answers are encoded.
+    pub fn encode(&self) -> &E {
+        &self.encode
+    }
+
+    /// Bytes in a snapshot of it.
+    pub fn snapshot_len(&self) -> usize {
+        self.snapshot_len
     }
 
     /// How long ago it was last used; zero while it has work.
@@ -207,16 +284,37 @@ impl<E: Encode> Session<E> {
 
     fn execute(&self, command: &Command) -> Result<E::Answer, ServerError> {
         let mut bench = lock(&self.bench);
-        let Bench { env, frame, observations } = &mut *bench;
+        let Bench { env, frame, standing } = &mut *bench;
         match command {
             Command::Reset { seeds, env_indices } => {
                 env.reset(seeds, env_indices)?;
-                env.observations_into(observations);
-                Ok(self.encode.reset(&self.spec, observations))
+                standing.look(env);
+                Ok(self.encode.reset(&self.spec, standing))
             }
             Command::Step { actions } => {
                 env.step(actions, frame)?;
                 Ok(self.encode.step(&self.spec, frame))
+            }
+            Command::OpenLoop { actions, steps } => {
+                env.step_open_loop(actions, *steps, frame)?;
+                let answer = self.encode.open_loop(&self.spec, frame);
+                // Room for that many steps is not worth keeping.
+                *frame = StepFrame::default();
+                Ok(answer)
+            }
+            Command::Standing => {
+                standing.look(env);
+                Ok(self.encode.restored(&self.spec, self.options, standing))
+            }
+            Command::Snapshot => Ok(self.encode.snapshot(env.snapshot(self.encode.tag()))),
+            Command::Restore { snapshot } => {
+                let snapshot = Snapshot::parse(snapshot).map_err(SimError::from)?;
+                if snapshot.tag != self.encode.tag() {
+                    return Err(ServerError::SnapshotTag);
+                }
+                env.restore(&snapshot)?;
+                standing.look(env);
+                Ok(self.encode.restored(&self.spec, self.options, standing))
             }
         }
     }

@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use palr_gym_sim::{SimulationThreads, VectorEnv, VectorOptions, resolve};
+use palr_gym_sim::{SimError, SimulationThreads, Snapshot, VectorEnv, VectorOptions, resolve};
 
 use crate::config::Limits;
 use crate::error::ServerError;
@@ -44,6 +44,32 @@ impl<E: Encode> Sessions<E> {
         options: VectorOptions,
         encode: E,
     ) -> Result<Arc<Session<E>>, ServerError> {
+        self.open_prepared(env_id, num_envs, options, encode, |_| Ok(()))
+    }
+
+    /// Opens a session in the state of a snapshot; `decode` finds the encoding that its tag names.
+    ///
+    /// # Errors
+    /// As by [`open`](Self::open), or what is wrong with the snapshot; then nothing was opened.
+    pub fn open_snapshot(
+        &self,
+        snapshot: &[u8],
+        decode: impl FnOnce(u8) -> Result<E, ServerError>,
+    ) -> Result<Arc<Session<E>>, ServerError> {
+        let snapshot = Snapshot::parse(snapshot).map_err(SimError::from)?;
+        let num_envs = snapshot.num_envs as u64;
+        let (encode, options) = (decode(snapshot.tag)?, snapshot.options);
+        self.open_prepared(snapshot.env_id, num_envs, options, encode, |env| env.restore(&snapshot))
+    }
+
+    fn open_prepared(
+        &self,
+        env_id: &str,
+        num_envs: u64,
+        options: VectorOptions,
+        encode: E,
+        prepare: impl FnOnce(&mut VectorEnv) -> Result<(), SimError>,
+    ) -> Result<Arc<Session<E>>, ServerError> {
         let (task, spec) = resolve(env_id)?;
         let max = self.limits.max_envs_per_session;
         let count = usize::try_from(num_envs)
@@ -51,7 +77,8 @@ impl<E: Encode> Sessions<E> {
             .filter(|count| (1..=max).contains(count))
             .ok_or(ServerError::NumEnvs { got: num_envs, max })?;
         self.reserve(count)?;
-        let built = VectorEnv::new(task, spec, count, options, self.threads.clone());
+        let built = VectorEnv::new(task, spec, count, options, self.threads.clone())
+            .and_then(|mut env| prepare(&mut env).map(|()| env));
         let mut open = self.lock();
         open.building -= 1;
         match built {

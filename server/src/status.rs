@@ -11,7 +11,7 @@ use palr_gym_core::EnvIdError;
 use palr_gym_leakage::LeakageError;
 use palr_gym_onnx::OnnxError;
 use palr_gym_proto::google::rpc;
-use palr_gym_sim::SimError;
+use palr_gym_sim::{SimError, SnapshotError};
 use prost::Message;
 use tonic::{Code, Status};
 use tonic_types::{ErrorDetails, StatusExt};
@@ -53,6 +53,15 @@ fn place_sim(error: &SimError) -> Place {
         }
         SimError::Scene { .. } => place(Code::Internal, "SCENE"),
         SimError::Memory { .. } => place(Code::ResourceExhausted, "MEMORY"),
+        SimError::Snapshot(SnapshotError::Mismatch { .. }) => {
+            invalid("SNAPSHOT_MISMATCH", "snapshot")
+        }
+        SimError::Snapshot(
+            SnapshotError::NotASnapshot { .. }
+            | SnapshotError::Version { .. }
+            | SnapshotError::Checksum
+            | SnapshotError::Malformed { .. },
+        ) => invalid("INVALID_SNAPSHOT", "snapshot"),
         SimError::Engine(_) => place(Code::Internal, "ENGINE"),
         SimError::Threads { .. } => place(Code::Internal, "THREADS"),
         SimError::ActionCount { .. } => invalid("ACTION_SHAPE", "actions"),
@@ -112,6 +121,11 @@ fn place_server(error: &ServerError) -> Place {
         ServerError::TooManyRollouts { .. } => place(Code::ResourceExhausted, "TOO_MANY_ROLLOUTS"),
         ServerError::ActionDtype { .. } => invalid("ACTION_DTYPE", "actions.dtype"),
         ServerError::ActionShape { .. } => invalid("ACTION_SHAPE", "actions.shape"),
+        ServerError::OpenLoop { .. } => invalid("OPEN_LOOP_TOO_LARGE", "actions.shape"),
+        ServerError::SnapshotTag => invalid("SNAPSHOT_MISMATCH", "snapshot"),
+        ServerError::SnapshotTooLarge { .. } => {
+            place(Code::FailedPrecondition, "SNAPSHOT_TOO_LARGE")
+        }
         ServerError::Missing { field, .. } => invalid("MISSING", field),
         ServerError::UnknownEnum { field, .. } => invalid("UNKNOWN_ENUM", field),
         ServerError::OutOfRange { field, .. } => invalid("OUT_OF_RANGE", field),

@@ -11,6 +11,7 @@ use palr_gym_proto::v1::environment_service_server::EnvironmentServiceServer;
 use palr_gym_proto::v1::evaluation_service_server::EvaluationServiceServer;
 use palr_gym_proto::v1::leakage_service_server::LeakageServiceServer;
 use palr_gym_proto::v1::server_service_server::ServerServiceServer;
+use palr_gym_proto::v1::snapshot_service_server::SnapshotServiceServer;
 use palr_gym_sim::SimulationThreads;
 use tokio::net::{TcpListener, UnixListener};
 use tokio::sync::Semaphore;
@@ -25,7 +26,7 @@ use tonic_health::ServingStatus;
 use tonic_health::server::HealthReporter;
 
 use crate::config::ServerConfig;
-use crate::convert::WireEncode;
+use crate::encode::WireEncode;
 use crate::error::ServerError;
 use crate::services::Services;
 use crate::sessions::Sessions;
@@ -39,8 +40,8 @@ const STREAM_WINDOW_BYTES: u32 = 4 << 20;
 const CONNECTION_WINDOW_BYTES: u32 = 16 << 20;
 /// Room for as many samples as an estimate of leakage may have.
 const ARRAYS_BYTES: usize = 64 << 20;
-/// A policy's message is a little larger than the policy.
-const POLICY_MESSAGE_SLACK_BYTES: usize = 64 << 10;
+/// A message is a little larger than the policy or the snapshot in it.
+const MESSAGE_SLACK_BYTES: usize = 64 << 10;
 
 /// Why a server could not listen or went down.
 #[derive(Debug, thiserror::Error)]
@@ -204,7 +205,7 @@ impl Server {
 
     fn routes(&self) -> Result<Routes, ServerError> {
         let limits = &self.config.limits;
-        let policy_bytes = limits.policy.max_bytes + POLICY_MESSAGE_SLACK_BYTES;
+        let policy_bytes = limits.policy.max_bytes + MESSAGE_SLACK_BYTES;
         let services = || self.services.clone();
         let reflection = || {
             tonic_reflection::server::Builder::configure()
@@ -230,6 +231,10 @@ impl Server {
                 LeakageServiceServer::new(services())
                     .max_decoding_message_size(policy_bytes + ARRAYS_BYTES),
             )
+            .add_service(
+                SnapshotServiceServer::new(services())
+                    .max_decoding_message_size(limits.max_snapshot_bytes + MESSAGE_SLACK_BYTES),
+            )
             .add_service(ServerServiceServer::new(services())))
     }
 }
@@ -243,6 +248,7 @@ async fn report(health: &HealthReporter, status: ServingStatus) {
         CollectionServiceServer::<Services>::NAME,
         LeakageServiceServer::<Services>::NAME,
         ServerServiceServer::<Services>::NAME,
+        SnapshotServiceServer::<Services>::NAME,
     ];
     for service in services {
         health.set_service_status(service, status).await;

@@ -9,5 +9,7 @@ mod drain;
 mod errors;
 mod leakage;
 mod rollouts;
+mod sessions;
+mod snapshot;
 mod stream;
 mod support;

@@ -153,7 +153,7 @@ async fn reflection_names_every_service() {
     let answer = answers.message().await.unwrap().unwrap().message_response.unwrap();
     let MessageResponse::ListServicesResponse(list) = answer else { panic!("{answer:?}") };
     let names: Vec<&str> = list.service.iter().map(|service| service.name.as_str()).collect();
-    for name in ["Environment", "Evaluation", "Collection", "Leakage", "Server"] {
+    for name in ["Environment", "Evaluation", "Collection", "Leakage", "Server", "Snapshot"] {
         assert!(names.contains(&format!("palr_gym.v1.{name}Service").as_str()), "{names:?}");
     }
     assert!(names.contains(&"grpc.health.v1.Health"));

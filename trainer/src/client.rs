@@ -11,6 +11,7 @@ use palr_gym_proto::v1::environment_service_client::EnvironmentServiceClient;
 use palr_gym_proto::v1::evaluation_service_client::EvaluationServiceClient;
 use palr_gym_proto::v1::leakage_service_client::LeakageServiceClient;
 use palr_gym_proto::v1::server_service_client::ServerServiceClient;
+use palr_gym_proto::v1::snapshot_service_client::SnapshotServiceClient;
 use tokio::net::UnixStream;
 use tonic::transport::{Channel, Endpoint, Uri};
 
@@ -187,6 +188,10 @@ impl Client {
 
     pub(crate) fn leakages(&self) -> LeakageServiceClient<Channel> {
         LeakageServiceClient::new(self.channel.clone()).max_decoding_message_size(usize::MAX)
+    }
+
+    pub(crate) fn snapshots(&self) -> SnapshotServiceClient<Channel> {
+        SnapshotServiceClient::new(self.channel.clone()).max_decoding_message_size(usize::MAX)
     }
 
     pub(crate) fn collections(&self) -> CollectionServiceClient<Channel> {

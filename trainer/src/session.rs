@@ -33,15 +33,37 @@ impl Session {
     ) -> Result<Self, ClientError> {
         let mut service = client.environments();
         let opened = client.within(service.open_session(request)).await?.into_inner();
+        Self::from_opened(client, opened).await
+    }
+
+    /// Opens a session in the state of a snapshot, of this server or another one.
+    ///
+    /// # Errors
+    /// [`ClientError::Status`].
+    pub async fn from_snapshot(
+        client: &Client,
+        snapshot: Bytes,
+    ) -> Result<(Self, v1::RestoredState), ClientError> {
+        let request = v1::OpenSnapshotRequest { snapshot };
+        let mut service = client.snapshots();
+        let answer = client.within(service.open_snapshot(request)).await?.into_inner();
+        let session = answer.session.ok_or_else(|| missing("session"))?;
+        let state = answer.state.ok_or_else(|| missing("state"))?;
+        Ok((Self::from_opened(client, session).await?, state))
+    }
+
+    async fn from_opened(
+        client: &Client,
+        opened: v1::OpenSessionResponse,
+    ) -> Result<Self, ClientError> {
+        let mut service = client.environments();
         let (requests, outgoing) = mpsc::unbounded_channel();
         let outgoing = UnboundedReceiverStream::new(outgoing);
         let answers = client.within(service.step_stream(outgoing)).await?.into_inner();
-        let spec =
-            opened.spec.ok_or_else(|| ClientError::Protocol("no spec in the answer".into()))?;
         Ok(Self {
             client: client.clone(),
             session_id: opened.session_id,
-            spec,
+            spec: opened.spec.ok_or_else(|| missing("spec"))?,
             num_envs: opened.num_envs as usize,
             requests,
             answers,
@@ -88,13 +110,71 @@ impl Session {
     /// # Errors
     /// [`ClientError::Status`] if the stream is gone.
     pub fn send_step(&mut self, actions: &[f32]) -> Result<(), ClientError> {
+        let shape = vec![self.num_envs as i64, (actions.len() / self.num_envs) as i64];
+        self.send_actions(actions, shape)
+    }
+
+    /// Takes `steps` steps in one go (open loop), the k-th with row k of `actions`,
+    /// `[steps, num_envs, action size]`. The arrays of the answer begin with a dimension of steps.
+    ///
+    /// # Errors
+    /// [`ClientError::Status`].
+    pub async fn step_open_loop(
+        &mut self,
+        actions: &[f32],
+        steps: usize,
+    ) -> Result<v1::StepResponse, ClientError> {
+        let rows = steps * self.num_envs;
+        let columns = actions.len() / rows.max(1);
+        self.send_actions(actions, vec![steps as i64, self.num_envs as i64, columns as i64])?;
+        self.receive_step().await
+    }
+
+    fn send_actions(&mut self, actions: &[f32], shape: Vec<i64>) -> Result<(), ClientError> {
         let actions = v1::Tensor {
             dtype: v1::DataType::Float32.into(),
-            shape: vec![self.num_envs as i64, (actions.len() / self.num_envs) as i64],
+            shape,
             data: Bytes::copy_from_slice(bytemuck::cast_slice(actions)),
         };
         let session_id = self.session_id.clone();
         self.send(Request::Step(v1::StepRequest { session_id, actions: Some(actions) }))
+    }
+
+    /// The session's state, for [`restore`](Self::restore) and
+    /// [`from_snapshot`](Self::from_snapshot). Requests without an answer yet may come before it or
+    /// after.
+    ///
+    /// # Errors
+    /// [`ClientError::Status`].
+    pub async fn snapshot(&self) -> Result<Bytes, ClientError> {
+        let request = v1::TakeSnapshotRequest { session_id: self.session_id.clone() };
+        let mut service = self.client.snapshots();
+        Ok(self.client.within(service.take_snapshot(request)).await?.into_inner().snapshot)
+    }
+
+    /// Puts the session into the state of a snapshot.
+    ///
+    /// # Errors
+    /// [`ClientError::Status`].
+    pub async fn restore(&mut self, snapshot: Bytes) -> Result<v1::RestoredState, ClientError> {
+        let session_id = self.session_id.clone();
+        let request = v1::RestoreSnapshotRequest { session_id, snapshot };
+        let mut service = self.client.snapshots();
+        let answer = self.client.within(service.restore_snapshot(request)).await?.into_inner();
+        answer.state.ok_or_else(|| missing("state"))
+    }
+
+    /// A new session that goes on from where this one stands.
+    ///
+    /// # Errors
+    /// [`ClientError::Status`].
+    pub async fn fork(&self) -> Result<(Self, v1::RestoredState), ClientError> {
+        let request = v1::ForkSessionRequest { session_id: self.session_id.clone() };
+        let mut service = self.client.snapshots();
+        let answer = self.client.within(service.fork_session(request)).await?.into_inner();
+        let session = answer.session.ok_or_else(|| missing("session"))?;
+        let state = answer.state.ok_or_else(|| missing("state"))?;
+        Ok((Self::from_opened(&self.client, session).await?, state))
     }
 
     /// The answer to the oldest step that has none yet.
@@ -136,6 +216,10 @@ impl Session {
         self.client.within(service.close_session(request)).await?;
         Ok(())
     }
+}
+
+fn missing(what: &str) -> ClientError {
+    ClientError::Protocol(format!("no {what} in the answer"))
 }
 
 fn stream_ended() -> ClientError {

@@ -58,7 +58,10 @@ fn tensor(dtype: v1::DataType, element_bytes: usize, shape: &[usize]) -> v1::Ten
 impl Echo {
     fn reset_answer(&self) -> v1::ResetResponse {
         let shape = [1, self.observation_size];
-        v1::ResetResponse { observations: Some(tensor(v1::DataType::Float64, 8, &shape)) }
+        v1::ResetResponse {
+            observations: Some(tensor(v1::DataType::Float64, 8, &shape)),
+            info: None,
+        }
     }
 
     fn step_answer(&self) -> v1::StepResponse {
@@ -70,7 +73,7 @@ impl Echo {
             terminated: boolean(&[1]),
             truncated: boolean(&[1]),
             info: float64(&[1, self.info_size]),
-            final_observations: None,
+            ..v1::StepResponse::default()
         }
     }
 }

@@ -135,7 +135,7 @@ def collect(
     """Records demonstrations on a server. Actions outside the action space are clipped.
 
     Args:
-        env_id: TASK[-full|-paper|-strict][-wN][-v0]: whose observations are recorded.
+        env_id: TASK[-full|-paper|-strict][-gym5][-wN][-v0]: whose observations are recorded.
         policy: "random", "expert", the path of an ONNX file, or the bytes of one.
         transitions: Exactly this many; the last episode is cut where they are reached.
         episodes: This many whole episodes. Name either `transitions` or `episodes`.

@@ -42,7 +42,7 @@ def make(env_id: str, **kwargs: Any) -> RemoteEnv:
     """Any environment of a server, without Gymnasium's wrappers.
 
     Args:
-        env_id: TASK[-full|-paper|-strict][-wN][-v0], such as "ant-full-w8".
+        env_id: TASK[-full|-paper|-strict][-gym5][-wN][-v0], such as "ant-full-w8".
         **kwargs: As `RemoteEnv` takes them.
     """
     return RemoteEnv(env_id, **kwargs)
@@ -52,7 +52,7 @@ def make_vec(env_id: str, num_envs: SupportsIndex = 1, **kwargs: Any) -> RemoteV
     """Any environment of a server, N times.
 
     Args:
-        env_id: TASK[-full|-paper|-strict][-wN][-v0], such as "ant-full-w8".
+        env_id: TASK[-full|-paper|-strict][-gym5][-wN][-v0], such as "ant-full-w8".
         num_envs: N.
         **kwargs: As `RemoteVectorEnv` takes them.
     """

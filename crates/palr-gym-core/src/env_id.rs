@@ -1,9 +1,9 @@
-//! Environment ids: `TASK[-full|-paper|-strict][-wN][-v0]`.
+//! Environment ids: `TASK[-full|-paper|-strict][-gym5][-wN][-v0]`.
 
 use std::fmt;
 use std::str::FromStr;
 
-use crate::options::Mask;
+use crate::options::{Fidelity, Mask};
 
 /// The deepest stack that can be asked for.
 pub const MAX_FRAME_STACK: usize = 64;
@@ -26,6 +26,8 @@ pub struct EnvId {
     pub task: String,
     /// What the agent sees of the full observation.
     pub mask: Mask,
+    /// Which definition of the task.
+    pub fidelity: Fidelity,
     /// Observations in a stack, 1 to [`MAX_FRAME_STACK`].
     pub frame_stack: usize,
 }
@@ -35,7 +37,7 @@ pub struct EnvId {
 pub enum EnvIdError {
     /// No task name.
     #[error(
-        "environment id {env_id:?} names no task; expected TASK[-full|-paper|-strict][-wN][-v0], such as \"hopper-w2\""
+        "environment id {env_id:?} names no task; expected TASK[-full|-paper|-strict][-gym5][-wN][-v0], such as \"hopper-w2\""
     )]
     NoTask {
         /// The whole id.
@@ -43,7 +45,7 @@ pub enum EnvIdError {
     },
     /// A part that means nothing, or comes twice.
     #[error(
-        "environment id {env_id:?} has the unexpected part {part:?}; expected TASK[-full|-paper|-strict][-wN][-v0], such as \"hopper-w2\""
+        "environment id {env_id:?} has the unexpected part {part:?}; expected TASK[-full|-paper|-strict][-gym5][-wN][-v0], such as \"hopper-w2\""
     )]
     UnexpectedPart {
         /// The whole id.
@@ -74,6 +76,7 @@ pub enum EnvIdError {
 /// What one part of an id after the task's name says.
 enum Part {
     Mask(Mask),
+    Fidelity(Fidelity),
     FrameStack(usize),
     Version,
 }
@@ -81,6 +84,9 @@ enum Part {
 fn parse_part(env_id: &str, part: &str) -> Result<Part, EnvIdError> {
     if let Some(mask) = Mask::ALL.into_iter().find(|mask| mask.name() == part) {
         return Ok(Part::Mask(mask));
+    }
+    if Fidelity::Gym5.suffix().strip_prefix('-') == Some(part) {
+        return Ok(Part::Fidelity(Fidelity::Gym5));
     }
     let number = |prefix| {
         part.strip_prefix(prefix)
@@ -110,11 +116,15 @@ impl FromStr for EnvId {
         let Some(task) = task else {
             return Err(EnvIdError::NoTask { env_id: env_id.into() });
         };
-        let (mut mask, mut frame_stack, mut has_version) = (None, None, false);
+        let (mut mask, mut fidelity, mut frame_stack, mut has_version) = (None, None, None, false);
         for part in parts {
             let is_repeated = match parse_part(env_id, part)? {
                 Part::Mask(value) => {
-                    mask.replace(value).is_some() || frame_stack.is_some() || has_version
+                    let is_late = fidelity.is_some() || frame_stack.is_some() || has_version;
+                    mask.replace(value).is_some() || is_late
+                }
+                Part::Fidelity(value) => {
+                    fidelity.replace(value).is_some() || frame_stack.is_some() || has_version
                 }
                 Part::FrameStack(value) => frame_stack.replace(value).is_some() || has_version,
                 Part::Version => std::mem::replace(&mut has_version, true),
@@ -130,6 +140,7 @@ impl FromStr for EnvId {
         Ok(Self {
             task: task.into(),
             mask: mask.unwrap_or(default_mask),
+            fidelity: fidelity.unwrap_or_default(),
             frame_stack: frame_stack.unwrap_or(1),
         })
     }
@@ -138,11 +149,12 @@ impl FromStr for EnvId {
 impl fmt::Display for EnvId {
     /// The shortest id that parses back to the same value, with its version.
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { task, mask, frame_stack } = self;
+        let Self { task, mask, fidelity, frame_stack } = self;
+        let fidelity = fidelity.suffix();
         match (mask, frame_stack) {
-            (Mask::Full, 1) => write!(formatter, "{task}-v0"),
-            (Mask::Paper, _) => write!(formatter, "{task}-w{frame_stack}-v0"),
-            _ => write!(formatter, "{task}-{mask}-w{frame_stack}-v0"),
+            (Mask::Full, 1) => write!(formatter, "{task}{fidelity}-v0"),
+            (Mask::Paper, _) => write!(formatter, "{task}{fidelity}-w{frame_stack}-v0"),
+            _ => write!(formatter, "{task}-{mask}{fidelity}-w{frame_stack}-v0"),
         }
     }
 }
@@ -157,7 +169,8 @@ mod tests {
         let got = text.parse::<EnvId>();
         match (got, expected) {
             (Ok(id), Ok((task, mask, frame_stack))) => {
-                assert_eq!(id, EnvId { task: task.into(), mask, frame_stack }, "{text}");
+                let fidelity = if text.contains("-gym5") { Fidelity::Gym5 } else { Fidelity::Gym4 };
+                assert_eq!(id, EnvId { task: task.into(), mask, fidelity, frame_stack }, "{text}");
             }
             (Err(error), Err(expected)) => {
                 assert!(error.to_string().contains(expected), "{text}: {error}");
@@ -174,6 +187,9 @@ mod tests {
         check("hopper-w64-v0", Ok(("hopper", Mask::Paper, 64)));
         check("ant-strict", Ok(("ant", Mask::Strict, 1)));
         check("ant-full-w4", Ok(("ant", Mask::Full, 4)));
+        check("ant-gym5", Ok(("ant", Mask::Full, 1)));
+        check("ant-gym5-w4", Ok(("ant", Mask::Paper, 4)));
+        check("ant-strict-gym5-w4-v0", Ok(("ant", Mask::Strict, 4)));
         check("", Err("names no task"));
         check("-w2", Err("names no task"));
         check("hopper-w0", Err("frame stack of 0; expected 1 to 64"));
@@ -184,13 +200,17 @@ mod tests {
         check("hopper-w", Err("unexpected part \"w\""));
         check("hopper-w2-w3", Err("unexpected part \"w3\""));
         check("hopper-w2-strict", Err("unexpected part \"strict\""));
+        check("hopper-gym5-strict", Err("unexpected part \"strict\""));
+        check("hopper-w2-gym5", Err("unexpected part \"gym5\""));
+        check("hopper-gym5-gym5", Err("unexpected part \"gym5\""));
+        check("hopper-gym6", Err("unexpected part \"gym6\""));
         check("hopper--w2", Err("unexpected part \"\""));
     }
 
     proptest! {
         #[test]
-        fn display_parses_back(task in "[a-z0-9_]{1,12}", mask in 0..3usize, frame_stack in 1..=MAX_FRAME_STACK) {
-            let id = EnvId { task, mask: Mask::ALL[mask], frame_stack };
+        fn display_parses_back(task in "[a-z0-9_]{1,12}", mask in 0..3usize, fidelity in 0..2usize, frame_stack in 1..=MAX_FRAME_STACK) {
+            let id = EnvId { task, mask: Mask::ALL[mask], fidelity: Fidelity::ALL[fidelity], frame_stack };
             prop_assert_eq!(id.to_string().parse::<EnvId>(), Ok(id));
         }
 

@@ -31,6 +31,14 @@ impl FrameStack {
         }
     }
 
+    /// Puts `frames`, as [`stacked`](Self::stacked) gave them, in place of what is there.
+    ///
+    /// # Panics
+    /// If there are not as many.
+    pub fn restore(&mut self, frames: &[f64]) {
+        self.frames.copy_from_slice(frames);
+    }
+
     /// `[depth * width]`, oldest first.
     #[must_use]
     pub fn stacked(&self) -> &[f64] {

@@ -6,7 +6,7 @@
 //! - [`task`], [`spec`], [`space`]: the facts of a task, and of an environment made from it.
 //! - [`frame_stack`]: the stacked observation, zero-padded.
 //! - [`standardize`]: columns of zero mean and unit variance.
-//! - [`options`]: autoreset modes, out-of-bounds handling, masks.
+//! - [`options`]: autoreset modes, out-of-bounds handling, masks, fidelity.
 //! - [`score`]: normalised scores and their statistics.
 //! - [`random`]: NumPy's generator, bit for bit.
 //! - [`tanh_gaussian`]: the distribution of stochastic policies.
@@ -28,7 +28,7 @@ pub mod task;
 
 pub use env_id::{EnvId, EnvIdError};
 pub use frame_stack::FrameStack;
-pub use options::{ActionMode, AutoresetMode, Mask, OutOfBounds};
+pub use options::{ActionMode, AutoresetMode, Fidelity, Mask, OutOfBounds};
 pub use space::BoxSpace;
 pub use spec::EnvSpec;
 pub use standardize::{StandardizeError, Standardizer};

@@ -35,6 +35,31 @@ impl fmt::Display for Mask {
     }
 }
 
+/// Which of Gymnasium's definitions of a task is meant.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+pub enum Fidelity {
+    /// `-v4`: the arithmetic of D4RL's data.
+    #[default]
+    Gym4,
+    /// `-v5`: no bonus on the failing step, more in the infos; other observations for ant, another
+    /// robot for walker2d.
+    Gym5,
+}
+
+impl Fidelity {
+    /// Both, in the order in which they are listed to users.
+    pub const ALL: [Self; 2] = [Self::Gym4, Self::Gym5];
+
+    /// What stands for it in an environment id, with its hyphen; empty for the default.
+    #[must_use]
+    pub const fn suffix(self) -> &'static str {
+        match self {
+            Self::Gym4 => "",
+            Self::Gym5 => "-gym5",
+        }
+    }
+}
+
 /// What happens to an environment whose episode has ended (`gymnasium.vector.AutoresetMode`).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum AutoresetMode {

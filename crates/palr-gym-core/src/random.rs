@@ -43,6 +43,19 @@ impl Generator {
         generator
     }
 
+    /// Where the stream stands: NumPy's `state` and `inc`.
+    #[must_use]
+    pub fn state(&self) -> (u128, u128) {
+        (self.state, self.increment)
+    }
+
+    /// The stream that stands at `(state, increment)`; `None` if the increment is even, which no
+    /// stream's is.
+    #[must_use]
+    pub fn from_state(state: u128, increment: u128) -> Option<Self> {
+        (increment % 2 == 1).then_some(Self { state, increment })
+    }
+
     fn advance(&mut self) {
         self.state = self.state.wrapping_mul(MULTIPLIER).wrapping_add(self.increment);
     }

@@ -1,6 +1,6 @@
 //! The facts of a task, without its physics.
 
-use crate::options::Mask;
+use crate::options::{Fidelity, Mask};
 
 /// Returns between which D4RL normalises.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -41,6 +41,8 @@ pub struct TaskSpec {
     pub name: &'static str,
     /// One sentence for people.
     pub description: &'static str,
+    /// Which definition of the task this is.
+    pub fidelity: Fidelity,
     /// The public environment that it equals.
     pub equals: &'static str,
     /// The full observation.
@@ -59,6 +61,10 @@ pub struct TaskSpec {
     pub physics_timestep_s: f64,
     /// Columns of the info that every step reports.
     pub info_names: &'static [&'static str],
+    /// Those of them that a reset reports, in the same order; none for `-v4` tasks.
+    pub reset_info_names: &'static [&'static str],
+    /// Leading entries of the full observation that the task's expert sees.
+    pub expert_observation_size: usize,
     /// For normalised scores.
     pub reference_returns: ReferenceReturns,
 }

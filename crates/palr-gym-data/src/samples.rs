@@ -66,8 +66,9 @@ impl View {
         let path = || demonstrations.source().to_path_buf();
         // Names that are not ours, such as `HalfCheetah-v4`, say nothing that columns do not.
         let named = demonstrations.env_id().and_then(|text| text.parse::<EnvId>().ok());
-        let full = EnvId { task: task(), mask: Mask::Full, frame_stack: 1 };
-        if let Some(got) = named.filter(|named| *named != full) {
+        let full = |fidelity| EnvId { task: task(), mask: Mask::Full, fidelity, frame_stack: 1 };
+        // Recordings of both definitions of a task have the same columns, as far as both go.
+        if let Some(got) = named.filter(|named| *named != full(named.fidelity)) {
             let got = got.to_string();
             return Err(DataError::Environment { path: path(), got, task: task() });
         }
@@ -77,7 +78,9 @@ impl View {
             ("actions", demonstrations.actions(), self.action_size, &[]),
         ] {
             let got = values.ncols();
-            if got != want && !also.contains(&got) {
+            // Contact forces that only some files have may be left out of the view, not out of the file.
+            let holds_mask = || self.mask_indices.iter().all(|&index| index < got);
+            if got != want && !(also.contains(&got) && holds_mask()) {
                 let (path, task) = (path(), task());
                 return Err(DataError::Columns { path, dataset, got, want, also, task });
             }

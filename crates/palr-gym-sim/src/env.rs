@@ -8,7 +8,11 @@ use palr_gym_core::{EnvSpec, FrameStack};
 use crate::divergence::Divergence;
 use crate::error::SimError;
 use crate::physics::Physics;
+use crate::snapshot::{Reader, SnapshotError, Writer, malformed};
 use crate::tasks::Task;
+
+/// Beyond this MuJoCo holds a number for a mistake (`mjMAXVAL`).
+const MAX_CONTROL: f32 = 1e10;
 
 /// What a step earned, time limit included.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -31,6 +35,14 @@ impl Transition {
     pub fn is_last(&self) -> bool {
         self.terminated || self.truncated
     }
+}
+
+/// What a snapshot says of one environment.
+pub(crate) struct SavedEnv {
+    /// [`Env::saved_len`] numbers.
+    values: Vec<f64>,
+    generator: Generator,
+    elapsed_steps: u32,
 }
 
 /// A single environment. It does not reset by itself.
@@ -109,8 +121,75 @@ impl Env {
         }
     }
 
+    /// What the last reset reports, `reset_info_names` entries, while no step has been taken.
+    pub fn reset_info(&self, info: &mut [f64]) {
+        self.task.reset_info(&self.physics, info);
+    }
+
+    /// Numbers in a snapshot: simulation, full observation, stack.
+    fn saved_len(&self) -> usize {
+        self.physics.saved_len() + self.full_observation.len() + self.stack.stacked().len()
+    }
+
+    /// Bytes in a snapshot.
+    pub(crate) fn snapshot_len(&self) -> usize {
+        self.saved_len() * size_of::<f64>() + 2 * size_of::<u128>() + size_of::<u32>()
+    }
+
+    /// Appends [`snapshot_len`](Self::snapshot_len) bytes.
+    pub(crate) fn save(&self, writer: &mut Writer) {
+        let mut values = Vec::with_capacity(self.saved_len());
+        self.physics.save(&mut values);
+        values.extend_from_slice(&self.full_observation);
+        values.extend_from_slice(self.stack.stacked());
+        writer.f64s(&values);
+        let (state, increment) = self.generator.state();
+        writer.u128(state);
+        writer.u128(increment);
+        writer.u32(self.elapsed_steps);
+    }
+
+    /// What [`save`](Self::save) wrote, checked.
+    pub(crate) fn read(&self, reader: &mut Reader<'_>) -> Result<SavedEnv, SnapshotError> {
+        let mut values = vec![0.0; self.saved_len()];
+        reader.f64s("state", &mut values)?;
+        let (state, increment) = (reader.u128("generator")?, reader.u128("generator")?);
+        let generator = Generator::from_state(state, increment)
+            .ok_or_else(|| malformed("generator", increment, "an odd increment"))?;
+        let elapsed_steps = reader.u32("elapsed_steps")?;
+        let max = self.task.spec().max_episode_steps;
+        if elapsed_steps > max {
+            return Err(malformed("elapsed_steps", elapsed_steps, format!("at most {max}")));
+        }
+        Ok(SavedEnv { values, generator, elapsed_steps })
+    }
+
+    /// Goes on from where `saved` was.
+    ///
+    /// # Errors
+    /// [`SimError::Engine`] if MuJoCo fails.
+    pub(crate) fn restore(&mut self, saved: SavedEnv) -> Result<(), SimError> {
+        let (physics, observations) = saved.values.split_at(self.physics.saved_len());
+        let (full, stack) = observations.split_at(self.full_observation.len());
+        self.physics.restore(physics)?;
+        self.full_observation.copy_from_slice(full);
+        self.stack.restore(stack);
+        self.generator = saved.generator;
+        self.elapsed_steps = saved.elapsed_steps;
+        Ok(())
+    }
+
     fn simulate(&mut self, action: &[f32], frame_skip: u32) -> Option<Divergence> {
-        match self.physics.step(action, frame_skip) {
+        // Actuators with limits would clamp it in silence, while its cost overflows.
+        if action.iter().any(|entry| entry.abs() > MAX_CONTROL) {
+            return Some(Divergence::BadControl);
+        }
+        let done = if self.task.needs_contact_forces() {
+            self.physics.step_with_contact_forces(action, frame_skip)
+        } else {
+            self.physics.step(action, frame_skip)
+        };
+        match done {
             Ok(()) => self.physics.divergence(),
             Err(error) => {
                 tracing::warn!(task = self.task.spec().name, "{error}; the episode is truncated");

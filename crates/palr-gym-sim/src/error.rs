@@ -3,6 +3,7 @@
 use palr_gym_core::EnvIdError;
 
 use crate::guard::EngineError;
+use crate::snapshot::SnapshotError;
 
 /// Why an environment could not be made, reset or stepped.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -38,6 +39,9 @@ pub enum SimError {
         /// What MuJoCo said.
         message: String,
     },
+    /// Bytes that are no snapshot, or not one of these environments.
+    #[error(transparent)]
+    Snapshot(#[from] SnapshotError),
     /// MuJoCo failed in a reset.
     #[error(transparent)]
     Engine(#[from] EngineError),

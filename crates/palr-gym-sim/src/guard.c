@@ -26,6 +26,7 @@ typedef void (*mjfLogHandler)(const mjLogMessage*);
 extern mjfLogHandler mju_setLogHandler(mjfLogHandler handler);
 extern void mj_step(const mjModel* m, mjData* d);
 extern void mj_forward(const mjModel* m, mjData* d);
+extern void mj_rnePostConstraint(const mjModel* m, mjData* d);
 
 // In guard.rs: hands a message to the program's log.
 extern void palr_gym_log(int level, const char* func, const char* subject, const char* body);
@@ -68,6 +69,15 @@ int palr_gym_guard_forward(const mjModel* m, mjData* d) {
   if (_setjmp(here) != 0) return 1;
   way_back = &here;
   mj_forward(m, d);
+  way_back = NULL;
+  return 0;
+}
+
+int palr_gym_guard_contact_forces(const mjModel* m, mjData* d) {
+  jmp_buf here;
+  if (_setjmp(here) != 0) return 1;
+  way_back = &here;
+  mj_rnePostConstraint(m, d);
   way_back = NULL;
   return 0;
 }

@@ -23,6 +23,7 @@ unsafe extern "C" {
     fn palr_gym_guard_last_error() -> *const c_char;
     fn palr_gym_guard_step(model: *const mjModel, data: *mut mjData, steps: c_int) -> c_int;
     fn palr_gym_guard_forward(model: *const mjModel, data: *mut mjData) -> c_int;
+    fn palr_gym_guard_contact_forces(model: *const mjModel, data: *mut mjData) -> c_int;
 }
 
 static INSTALLED: Once = Once::new();
@@ -50,6 +51,14 @@ pub(crate) fn forward(data: &mut MjData<Arc<MjModel>>) -> Result<(), EngineError
     guarded(data, |model, data| {
         // SAFETY: both pointers come from live references, and the model is the data's own.
         unsafe { palr_gym_guard_forward(model, data) }
+    })
+}
+
+/// `mj_rnePostConstraint`.
+pub(crate) fn contact_forces(data: &mut MjData<Arc<MjModel>>) -> Result<(), EngineError> {
+    guarded(data, |model, data| {
+        // SAFETY: both pointers come from live references, and the model is the data's own.
+        unsafe { palr_gym_guard_contact_forces(model, data) }
     })
 }
 

@@ -5,7 +5,7 @@
 //! - [`physics`]: MuJoCo's model and data, and nothing of any task; [`guard`] around its errors,
 //!   [`divergence`] for states that are none.
 //! - [`mod@env`]: one environment: task + mask + frame stack + time limit + generator.
-//! - [`vector`]: N of them, stepped together.
+//! - [`vector`]: N of them, stepped together; [`snapshot`]: their state as bytes.
 //! - [`threads`], [`parts`]: the simulation threads, and work that they share.
 //! - [`mujoco_log`]: where MuJoCo's own messages go.
 //!
@@ -18,6 +18,7 @@ pub mod guard;
 pub mod mujoco_log;
 pub mod parts;
 pub mod physics;
+pub mod snapshot;
 pub mod tasks;
 pub mod threads;
 pub mod vector;
@@ -26,6 +27,7 @@ pub use divergence::Divergence;
 pub use env::{Env, Transition};
 pub use error::SimError;
 pub use parts::{Part, Parts};
+pub use snapshot::{Snapshot, SnapshotError};
 pub use tasks::{Task, resolve};
 pub use threads::{Job, SimulationThreads};
-pub use vector::{StepFrame, VectorEnv, VectorOptions};
+pub use vector::{DivergedEpisode, StepFrame, VectorEnv, VectorOptions};

@@ -2,11 +2,14 @@
 
 use std::sync::{Arc, OnceLock};
 
-use mujoco_rs::prelude::{MjData, MjModel};
+use mujoco_rs::prelude::{MjData, MjModel, MjtState};
 
 use crate::divergence::Divergence;
 use crate::error::SimError;
 use crate::guard::{self, EngineError};
+
+/// Everything that a step starts from.
+const INTEGRATION_STATE: u32 = MjtState::mjSTATE_INTEGRATION as u32;
 
 /// The state of one simulation. It lives on one thread at a time.
 #[derive(Debug)]
@@ -37,6 +40,11 @@ impl Scene {
     /// The scene `mjcf` of `task`, not compiled yet.
     pub(crate) const fn new(task: &'static str, mjcf: &'static str) -> Self {
         Self { task, mjcf, model: OnceLock::new() }
+    }
+
+    /// Tells scenes apart.
+    pub(crate) fn crc(&self) -> u32 {
+        crc32fast::hash(self.mjcf.as_bytes())
     }
 
     /// The compiled scene.
@@ -86,6 +94,19 @@ impl Physics {
     #[must_use]
     pub fn body_position_m(&self, body: usize) -> [f64; 3] {
         self.data.xpos()[body]
+    }
+
+    /// Generalised positions of the model's initial state.
+    #[must_use]
+    pub fn initial_qpos(&self) -> &[f64] {
+        self.model.qpos0()
+    }
+
+    /// The force of contacts on each body, the world included: torque, then force, in the frame of
+    /// the centre of mass. As of the last step, for tasks that need them; zeros after a reset.
+    #[must_use]
+    pub fn contact_forces(&self) -> &[[f64; 6]] {
+        self.data.cfrc_ext()
     }
 
     /// Back to the model's initial state, then moved by `perturb(qpos, qvel)`.
@@ -145,6 +166,48 @@ impl Physics {
         let done = guard::step(&mut self.data, frame_skip);
         self.is_broken = done.is_err();
         done
+    }
+
+    /// Like [`step`](Self::step), and then computes contact forces.
+    ///
+    /// # Errors
+    /// If MuJoCo fails; then only [`reset`](Self::reset) helps.
+    pub(crate) fn step_with_contact_forces(
+        &mut self,
+        action: &[f32],
+        frame_skip: u32,
+    ) -> Result<(), EngineError> {
+        self.step(action, frame_skip)?;
+        let done = guard::contact_forces(&mut self.data);
+        self.is_broken = done.is_err();
+        done
+    }
+
+    /// Numbers in a [`save`](Self::save).
+    pub(crate) fn saved_len(&self) -> usize {
+        self.model.state_size(INTEGRATION_STATE) + self.data.xpos().as_flattened().len()
+    }
+
+    /// Appends everything that decides what comes next: the state of integration, and the bodies'
+    /// positions, which lag it and from which rewards may be taken.
+    pub(crate) fn save(&self, values: &mut Vec<f64>) {
+        values.extend_from_slice(&self.data.state(INTEGRATION_STATE));
+        values.extend_from_slice(self.data.xpos().as_flattened());
+    }
+
+    /// Takes the [`saved_len`](Self::saved_len) numbers of a [`save`](Self::save) up again. Nothing
+    /// is computed from them: that would bring up to date what lagged.
+    ///
+    /// # Errors
+    /// If MuJoCo fails.
+    pub(crate) fn restore(&mut self, values: &[f64]) -> Result<(), EngineError> {
+        self.clear()?;
+        let (state, positions) = values.split_at(self.model.state_size(INTEGRATION_STATE));
+        self.data
+            .set_state(state, INTEGRATION_STATE)
+            .map_err(|error| EngineError { message: error.to_string() })?;
+        self.data.xpos_mut().as_flattened_mut().copy_from_slice(positions);
+        Ok(())
     }
 
     /// What is wrong with the state, if anything is.

@@ -8,7 +8,7 @@ mod walker2d;
 
 use palr_gym_core::nearest::nearest;
 use palr_gym_core::random::Generator;
-use palr_gym_core::{EnvId, EnvSpec, TaskSpec};
+use palr_gym_core::{EnvId, EnvSpec, Fidelity, TaskSpec};
 
 use crate::error::SimError;
 use crate::physics::{Physics, Scene};
@@ -30,6 +30,11 @@ pub trait Task: Send + Sync {
     /// The scene.
     fn scene(&self) -> &'static Scene;
 
+    /// True if contact forces must be computed after each step.
+    fn needs_contact_forces(&self) -> bool {
+        false
+    }
+
     /// Moves the initial state to where an episode starts, drawing from `generator` in
     /// Gymnasium's order.
     fn perturb(&self, generator: &mut Generator, qpos: &mut [f64], qvel: &mut [f64]);
@@ -49,11 +54,35 @@ pub trait Task: Send + Sync {
         action: &[f32],
         info: &mut [f64],
     ) -> Outcome;
+
+    /// Writes what a reset that led to `physics` reports: `spec().reset_info_names` entries.
+    fn reset_info(&self, _physics: &Physics, _info: &mut [f64]) {}
 }
 
-/// Every task, in alphabetical order.
-pub static TASKS: [&dyn Task; 4] =
-    [&ant::Ant, &halfcheetah::Halfcheetah, &hopper::Hopper, &walker2d::Walker2d];
+/// Every task as `-v4` defines it, in alphabetical order.
+pub static TASKS: [&dyn Task; 4] = [
+    &ant::Ant(Fidelity::Gym4),
+    &halfcheetah::Halfcheetah(Fidelity::Gym4),
+    &hopper::Hopper(Fidelity::Gym4),
+    &walker2d::Walker2d(Fidelity::Gym4),
+];
+
+/// The same tasks as `-v5` defines them.
+pub static TASKS_GYM5: [&dyn Task; 4] = [
+    &ant::Ant(Fidelity::Gym5),
+    &halfcheetah::Halfcheetah(Fidelity::Gym5),
+    &hopper::Hopper(Fidelity::Gym5),
+    &walker2d::Walker2d(Fidelity::Gym5),
+];
+
+/// The tasks of a fidelity.
+#[must_use]
+pub fn tasks(fidelity: Fidelity) -> &'static [&'static dyn Task; 4] {
+    match fidelity {
+        Fidelity::Gym4 => &TASKS,
+        Fidelity::Gym5 => &TASKS_GYM5,
+    }
+}
 
 /// The task and environment that an id such as `hopper-w2` names.
 ///
@@ -62,7 +91,7 @@ pub static TASKS: [&dyn Task; 4] =
 pub fn resolve(env_id: &str) -> Result<(&'static dyn Task, EnvSpec), SimError> {
     let env_id: EnvId = env_id.parse()?;
     let names = || TASKS.iter().map(|task| task.spec().name);
-    match TASKS.iter().find(|task| task.spec().name == env_id.task) {
+    match tasks(env_id.fidelity).iter().find(|task| task.spec().name == env_id.task) {
         Some(task) => Ok((*task, EnvSpec::new(env_id, task.spec()))),
         None => Err(SimError::UnknownTask {
             suggestion: nearest(&env_id.task, names()),

@@ -2,6 +2,7 @@
 
 mod frame;
 mod piece;
+mod save;
 
 use std::sync::Arc;
 
@@ -31,6 +32,7 @@ pub struct VectorOptions {
 
 /// N environments of one kind.
 pub struct VectorEnv {
+    task: &'static dyn Task,
     spec: Arc<EnvSpec>,
     options: VectorOptions,
     num_envs: usize,
@@ -64,7 +66,7 @@ impl VectorEnv {
             pieces.push(Piece::new(slots, Arc::clone(&spec), options.autoreset_mode));
         }
         let pieces = Parts::new(pieces, threads);
-        Ok(Self { spec, options, num_envs, pieces, piece_len, was_reset: false })
+        Ok(Self { task, spec, options, num_envs, pieces, piece_len, was_reset: false })
     }
 
     /// What the environments are.
@@ -83,6 +85,20 @@ impl VectorEnv {
     #[must_use]
     pub fn len(&self) -> usize {
         self.num_envs
+    }
+
+    /// True once there was a reset.
+    #[must_use]
+    pub fn was_reset(&self) -> bool {
+        self.was_reset
+    }
+
+    /// Copies which episodes have ended, `[num_envs]`.
+    pub fn is_over_into(&self, is_over: &mut Vec<bool>) {
+        is_over.clear();
+        for piece in self.pieces.iter() {
+            is_over.extend(piece.slots.iter().map(|slot| slot.is_over));
+        }
     }
 
     /// True for a vector without environments.
@@ -135,6 +151,7 @@ impl VectorEnv {
             piece.order = Order::Reset;
             for (j, slot) in piece.slots.iter_mut().enumerate() {
                 let index = i * self.piece_len + j;
+                slot.was_reset = false;
                 slot.reset_order = is_chosen(index).then(|| ResetOrder { seed: seed_of(index) });
             }
         }
@@ -142,6 +159,25 @@ impl VectorEnv {
         match self.pieces.iter().find_map(|mut piece| piece.failure.take()) {
             Some(error) => Err(error),
             None => Ok(()),
+        }
+    }
+
+    /// Copies what the last reset reported, `[num_envs, reset_info_names]`: NaN in the rows of
+    /// environments that it left alone.
+    pub fn reset_info_into(&self, info: &mut Vec<f64>) {
+        let size = self.spec.task.reset_info_names.len();
+        info.clear();
+        info.resize(self.num_envs * size, f64::NAN);
+        if size == 0 {
+            return;
+        }
+        let mut rows = info.chunks_exact_mut(size);
+        for piece in self.pieces.iter() {
+            for (slot, row) in piece.slots.iter().zip(&mut rows) {
+                if slot.was_reset {
+                    slot.env.reset_info(row);
+                }
+            }
         }
     }
 

@@ -30,7 +30,7 @@ Start with:
   palr-gym evaluate --env hopper --policy expert
   palr-gym envs                                  what there is
 
-An environment is TASK[-full|-paper|-strict][-wN]: `hopper` shows the full observation, `hopper-w2`
+An environment is TASK[-full|-paper|-strict][-gym5][-wN]: `hopper` shows the full observation, `hopper-w2`
 the PALR paper's partial one with the last two observations stacked.")]
 pub struct Cli {
     /// What to do.

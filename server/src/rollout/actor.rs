@@ -62,7 +62,7 @@ impl Actor {
             PolicyChoice::Onnx(model) => (model, false),
         };
         let observation_size = if sees_full_observation {
-            spec.task.observation.len()
+            spec.task.expert_observation_size
         } else {
             spec.observation_size()
         };

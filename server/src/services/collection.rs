@@ -8,6 +8,7 @@ use tonic::{Request, Response, Status, async_trait};
 use super::Services;
 use super::rollouts::{ResultStream, RolloutRequest};
 use crate::convert;
+use crate::encode::ObservationType;
 use crate::rollout::collect;
 
 #[async_trait]
@@ -33,7 +34,7 @@ impl CollectionService for Services {
         let stream = self
             .roll_out(rollout, move |plan, actor, results| {
                 let started = Kind::Started(CollectionStarted {
-                    spec: Some(convert::environment_spec(&plan.spec)),
+                    spec: Some(convert::environment_spec(&plan.spec, ObservationType::default())),
                     policy_sha256: actor.sha256().to_owned(),
                     num_envs: plan.num_envs as u32,
                 });

@@ -13,15 +13,17 @@ use palr_gym_sim::tasks::{TASKS, resolve};
 use tonic::{Request, Response, Status, Streaming, async_trait};
 
 use super::Services;
-use crate::convert::{self, WireAnswer, WireEncode};
+use crate::config::Limits;
+use crate::convert;
+use crate::encode::{ObservationType, WireAnswer, WireEncode};
 use crate::error::ServerError;
 use crate::session::{Command, Promise, Session};
 use crate::status::in_band;
 
-type WireSession = Arc<Session<WireEncode>>;
+pub(super) type WireSession = Arc<Session<WireEncode>>;
 
 /// What came of queuing a request.
-type Queued = Result<Promise<WireAnswer>, ServerError>;
+pub(super) type Queued = Result<Promise<WireAnswer>, ServerError>;
 
 #[async_trait]
 impl EnvironmentService for Services {
@@ -38,7 +40,7 @@ impl EnvironmentService for Services {
         request: Request<v1::GetEnvironmentSpecRequest>,
     ) -> Result<Response<v1::GetEnvironmentSpecResponse>, Status> {
         let (_, spec) = resolve(&request.get_ref().env_id).map_err(ServerError::from)?;
-        let spec = Some(convert::environment_spec(&spec));
+        let spec = Some(convert::environment_spec(&spec, ObservationType::default()));
         Ok(Response::new(v1::GetEnvironmentSpecResponse { spec }))
     }
 
@@ -51,10 +53,12 @@ impl EnvironmentService for Services {
             autoreset_mode: convert::autoreset_mode(request.autoreset_mode)?,
             out_of_bounds: convert::out_of_bounds(request.out_of_bounds)?,
         };
+        let observation_type = convert::observation_type(request.observation_dtype)?;
         let sessions = Arc::clone(&self.sessions);
         let opened = tokio::task::spawn_blocking(move || {
             let num_envs = u64::from(request.num_envs.unwrap_or(1));
-            sessions.open(&request.env_id, num_envs, options, WireEncode)
+            let encode = WireEncode { observation_type };
+            sessions.open(&request.env_id, num_envs, options, encode)
         });
         let session = opened.await.map_err(|error| ServerError::Internal(error.to_string()))??;
         tracing::info!(
@@ -63,12 +67,7 @@ impl EnvironmentService for Services {
             num_envs = session.num_envs(),
             "session opened"
         );
-        Ok(Response::new(v1::OpenSessionResponse {
-            session_id: session.id().to_string(),
-            spec: Some(convert::environment_spec(session.spec())),
-            num_envs: session.num_envs() as u32,
-            idle_limit_s: self.limits.session_idle.as_secs() as u32,
-        }))
+        Ok(Response::new(self.opened(&session)))
     }
 
     async fn close_session(
@@ -89,7 +88,7 @@ impl EnvironmentService for Services {
         let session = self.sessions.get(&request.session_id)?;
         match keep(queue_reset(&session, request)).await? {
             WireAnswer::Reset(answer) => Ok(Response::new(answer)),
-            WireAnswer::Step(_) => Err(mismatch().into()),
+            _ => Err(mismatch().into()),
         }
     }
 
@@ -99,9 +98,9 @@ impl EnvironmentService for Services {
     ) -> Result<Response<v1::StepResponse>, Status> {
         let request = request.into_inner();
         let session = self.sessions.get(&request.session_id)?;
-        match keep(queue_step(&session, &request)).await? {
+        match keep(self.queue_step(&session, &request)).await? {
             WireAnswer::Step(answer) => Ok(Response::new(*answer)),
-            WireAnswer::Reset(_) => Err(mismatch().into()),
+            _ => Err(mismatch().into()),
         }
     }
 
@@ -138,6 +137,33 @@ impl EnvironmentService for Services {
 }
 
 impl Services {
+    /// What a client is told of a session that was opened.
+    pub(super) fn opened(&self, session: &WireSession) -> v1::OpenSessionResponse {
+        let observation_type = session.encode().observation_type;
+        v1::OpenSessionResponse {
+            session_id: session.id().to_string(),
+            spec: Some(convert::environment_spec(session.spec(), observation_type)),
+            num_envs: session.num_envs() as u32,
+            idle_limit_s: self.limits.session_idle.as_secs() as u32,
+        }
+    }
+
+    fn queue_step(&self, session: &WireSession, request: &v1::StepRequest) -> Queued {
+        let (num_envs, spec) = (session.num_envs(), session.spec());
+        let actions = convert::actions(request.actions.as_ref(), num_envs, spec.action_size())?;
+        let Some(steps) = actions.open_loop else {
+            return session.submit(Command::Step { actions: actions.values });
+        };
+        let step_bytes = session.encode().step_bytes(spec, num_envs);
+        let answer_bytes = step_bytes.saturating_mul(steps);
+        let Limits { max_open_loop_steps: max_steps, max_answer_bytes, .. } = self.limits;
+        // A single step is as large as the session is, which was judged when it was opened.
+        if steps > max_steps || (steps > 1 && answer_bytes > max_answer_bytes) {
+            return Err(ServerError::OpenLoop { steps, answer_bytes, max_steps, max_answer_bytes });
+        }
+        session.submit(Command::OpenLoop { actions: actions.values, steps })
+    }
+
     fn queue_streamed(
         &self,
         request: v1::StepStreamRequest,
@@ -153,7 +179,7 @@ impl Services {
         let session = self.session_of(session_id, last)?;
         match request {
             StreamRequest::Reset(reset) => queue_reset(&session, reset),
-            StreamRequest::Step(step) => queue_step(&session, &step),
+            StreamRequest::Step(step) => self.queue_step(&session, &step),
         }
     }
 
@@ -181,22 +207,13 @@ fn queue_reset(session: &WireSession, request: v1::ResetRequest) -> Queued {
     session.submit(Command::Reset { seeds: request.seeds, env_indices })
 }
 
-fn queue_step(session: &WireSession, request: &v1::StepRequest) -> Queued {
-    let actions = convert::actions(
-        request.actions.as_ref(),
-        session.num_envs(),
-        session.spec().action_size(),
-    )?;
-    session.submit(Command::Step { actions })
-}
-
 /// Waits for what a queued request comes to.
-async fn keep(queued: Queued) -> Result<WireAnswer, ServerError> {
+pub(super) async fn keep(queued: Queued) -> Result<WireAnswer, ServerError> {
     // A promise is broken only if the session's thread died; the session then knows.
     queued?.await.map_err(|_| ServerError::Internal("a session dropped a request".into()))?
 }
 
-fn mismatch() -> ServerError {
+pub(super) fn mismatch() -> ServerError {
     ServerError::Internal("a session answered another request than the one it got".into())
 }
 
@@ -204,6 +221,9 @@ fn stream_response(answer: Result<WireAnswer, ServerError>) -> v1::StepStreamRes
     let response = match answer {
         Ok(WireAnswer::Reset(reset)) => StreamResponse::Reset(reset),
         Ok(WireAnswer::Step(step)) => StreamResponse::Step(*step),
+        Ok(WireAnswer::Snapshot(_) | WireAnswer::Restored(_)) => {
+            StreamResponse::Error(in_band(&mismatch().into()))
+        }
         Err(error) => StreamResponse::Error(in_band(&error.into())),
     };
     v1::StepStreamResponse { response: Some(response) }

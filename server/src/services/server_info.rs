@@ -27,6 +27,9 @@ impl ServerService for Services {
                 max_policy_bytes: limits.policy.max_bytes as u64,
                 max_episodes_per_request: limits.max_episodes,
                 session_idle_limit_s: limits.session_idle.as_secs() as u32,
+                max_answer_bytes: limits.max_answer_bytes as u64,
+                max_open_loop_steps: limits.max_open_loop_steps as u32,
+                max_snapshot_bytes: limits.max_snapshot_bytes as u64,
             }),
             simulation_threads: self.threads.count() as u32,
         }))

@@ -12,13 +12,29 @@ struct Spy {
 impl Encode for Spy {
     type Answer = &'static str;
 
-    fn reset(&self, _: &EnvSpec, _: &[f64]) -> Self::Answer {
+    fn reset(&self, _: &EnvSpec, _: &Standing) -> Self::Answer {
         "reset"
     }
 
     fn step(&self, _: &EnvSpec, _: &StepFrame) -> Self::Answer {
         assert!(!self.panics, "asked to panic");
         "step"
+    }
+
+    fn open_loop(&self, _: &EnvSpec, _: &StepFrame) -> Self::Answer {
+        "open loop"
+    }
+
+    fn tag(&self) -> u8 {
+        0
+    }
+
+    fn snapshot(&self, _: Vec<u8>) -> Self::Answer {
+        "snapshot"
+    }
+
+    fn restored(&self, _: &EnvSpec, _: VectorOptions, _: &Standing) -> Self::Answer {
+        "restored"
     }
 }
 

@@ -1,8 +1,9 @@
-//! Ant: four legs around a ball. Equals Gymnasium's `Ant-v4` without contact forces.
+//! Ant: four legs around a ball. Equals Gymnasium's `Ant-v4` without contact
+//! forces and its `Ant-v5` with them.
 
 use palr_gym_core::random::Generator;
 use palr_gym_core::task::ObservationEntry as Entry;
-use palr_gym_core::{ReferenceReturns, TaskSpec};
+use palr_gym_core::{Fidelity, ReferenceReturns, TaskSpec};
 
 use super::locomotion::{add_normal, add_uniform, control_cost, observe};
 use super::{Outcome, Task};
@@ -11,6 +12,9 @@ use crate::physics::{Physics, Scene};
 const RESET_NOISE: f64 = 0.1;
 const CONTROL_COST_WEIGHT: f32 = 0.5;
 const HEALTHY_REWARD: f64 = 1.0;
+/// `-v5` only: contact forces (N, N m) count and are shown within ± this.
+const CONTACT_FORCE_BOUND: f64 = 1.0;
+const CONTACT_COST_WEIGHT: f64 = 5e-4;
 const HEALTHY_HEIGHT_M: std::ops::RangeInclusive<f64> = 0.2..=1.0;
 /// The torso is the first body after the world.
 const TORSO: usize = 1;
@@ -18,6 +22,7 @@ const TORSO: usize = 1;
 const SPEC: TaskSpec = TaskSpec {
     name: "ant",
     description: "Four legs around a ball walk forward without falling or jumping.",
+    fidelity: Fidelity::Gym4,
     equals: "Gymnasium Ant-v4",
     observation: &[
         Entry::unbounded("qpos[root.z]"),
@@ -65,18 +70,74 @@ const SPEC: TaskSpec = TaskSpec {
         "y_velocity",
         "forward_reward",
     ],
+    reset_info_names: &[],
+    expert_observation_size: 27,
     // D4RL's reference scores for ant.
     reference_returns: ReferenceReturns { random: -325.6, expert: 3879.7 },
+};
+
+/// `-v4`'s entries, then the force on each body but the world: torque, then force.
+const OBSERVATION_GYM5: [Entry; 105] = {
+    macro_rules! forces {
+        ($($body:literal)*) => {
+            [$(
+                concat!("cfrc_ext[", $body, ".tx]"),
+                concat!("cfrc_ext[", $body, ".ty]"),
+                concat!("cfrc_ext[", $body, ".tz]"),
+                concat!("cfrc_ext[", $body, ".fx]"),
+                concat!("cfrc_ext[", $body, ".fy]"),
+                concat!("cfrc_ext[", $body, ".fz]"),
+            )*]
+        };
+    }
+    const FORCES: [&str; 78] = forces! {
+        "torso" "front_left_leg" "aux_1" "foot_1" "front_right_leg" "aux_2" "foot_2" "back_leg"
+        "aux_3" "foot_3" "right_back_leg" "aux_4" "foot_4"
+    };
+    let mut entries = [Entry::unbounded(""); 105];
+    let mut i = 0;
+    while i < entries.len() {
+        entries[i] = if i < SPEC.observation.len() {
+            SPEC.observation[i]
+        } else {
+            Entry::clipped(FORCES[i - SPEC.observation.len()], CONTACT_FORCE_BOUND)
+        };
+        i += 1;
+    }
+    entries
+};
+
+/// What `-v5` changed.
+const SPEC_GYM5: TaskSpec = TaskSpec {
+    fidelity: Fidelity::Gym5,
+    equals: "Gymnasium Ant-v5",
+    observation: &OBSERVATION_GYM5,
+    info_names: &[
+        "x_position",
+        "y_position",
+        "distance_from_origin",
+        "x_velocity",
+        "y_velocity",
+        "reward_forward",
+        "reward_ctrl",
+        "reward_contact",
+        "reward_survive",
+    ],
+    reset_info_names: &["x_position", "y_position", "distance_from_origin"],
+    ..SPEC
 };
 
 static SCENE: Scene = Scene::new(SPEC.name, include_str!("../../../../scenes/ant.xml"));
 
 /// The task.
-pub(super) struct Ant;
+pub(super) struct Ant(pub(super) Fidelity);
 
 impl Task for Ant {
     fn spec(&self) -> &'static TaskSpec {
-        &SPEC
+        match self.0 {
+            Fidelity::Gym4 => &SPEC,
+            Fidelity::Gym5 => &SPEC_GYM5,
+        }
     }
 
     fn scene(&self) -> &'static Scene {
@@ -89,7 +150,12 @@ impl Task for Ant {
     }
 
     fn observe(&self, physics: &Physics, observation: &mut [f64]) {
-        observe(physics.qpos(), 2, physics.qvel(), f64::INFINITY, observation);
+        let (state, forces) = observation.split_at_mut(SPEC.observation.len());
+        observe(physics.qpos(), 2, physics.qvel(), f64::INFINITY, state);
+        // Not those of the world. Only `-v5` shows forces, so elsewhere there is no room for any.
+        for (slot, force) in forces.iter_mut().zip(physics.contact_forces()[1..].as_flattened()) {
+            *slot = force.clamp(-CONTACT_FORCE_BOUND, CONTACT_FORCE_BOUND);
+        }
     }
 
     /// The torso's frame, not qpos: after a step the frame lags by one integration, and the
@@ -110,21 +176,78 @@ impl Task for Ant {
         let x_velocity = (x - before_m[0]) / SPEC.control_timestep_s();
         let y_velocity = (y - before_m[1]) / SPEC.control_timestep_s();
         let cost = f64::from(control_cost(CONTROL_COST_WEIGHT, action));
-        info.copy_from_slice(&[
-            x_velocity,
-            -cost,
-            HEALTHY_REWARD,
-            x,
-            y,
-            // As NumPy's norm on machines whose BLAS fuses multiply and add.
-            y.mul_add(y, x * x).sqrt(),
-            x_velocity,
-            y_velocity,
-            x_velocity,
-        ]);
-        // The bonus is paid on the failing step too.
-        Outcome { reward: (x_velocity + HEALTHY_REWARD) - cost, terminated: !is_healthy(physics) }
+        let is_healthy = is_healthy(physics);
+        let reward = match self.0 {
+            Fidelity::Gym4 => {
+                info.copy_from_slice(&[
+                    x_velocity,
+                    -cost,
+                    HEALTHY_REWARD,
+                    x,
+                    y,
+                    distance_m(x, y),
+                    x_velocity,
+                    y_velocity,
+                    x_velocity,
+                ]);
+                // The bonus is paid on the failing step too.
+                (x_velocity + HEALTHY_REWARD) - cost
+            }
+            Fidelity::Gym5 => {
+                let contact_cost = CONTACT_COST_WEIGHT * sum_of_squares(physics.contact_forces());
+                let healthy_reward = if is_healthy { HEALTHY_REWARD } else { 0.0 };
+                self.reset_info(physics, &mut info[..3]);
+                info[3..].copy_from_slice(&[
+                    x_velocity,
+                    y_velocity,
+                    x_velocity,
+                    -cost,
+                    -contact_cost,
+                    healthy_reward,
+                ]);
+                (x_velocity + healthy_reward) - (cost + contact_cost)
+            }
+        };
+        Outcome { reward, terminated: !is_healthy }
     }
+
+    fn needs_contact_forces(&self) -> bool {
+        self.0 == Fidelity::Gym5
+    }
+
+    fn reset_info(&self, physics: &Physics, info: &mut [f64]) {
+        if self.0 == Fidelity::Gym5 {
+            let (x, y) = (physics.qpos()[0], physics.qpos()[1]);
+            info.copy_from_slice(&[x, y, distance_m(x, y)]);
+        }
+    }
+}
+
+/// As NumPy's norm on machines whose BLAS fuses multiply and add.
+fn distance_m(x: f64, y: f64) -> f64 {
+    y.mul_add(y, x * x).sqrt()
+}
+
+/// Σ clip(force, ±1)² over all bodies in the order of NumPy's sum: eight running sums over whole
+/// blocks of eight, added pairwise, then the rest one by one.
+fn sum_of_squares(forces: &[[f64; 6]]) -> f64 {
+    let square = |force: &f64| {
+        let clipped = force.clamp(-CONTACT_FORCE_BOUND, CONTACT_FORCE_BOUND);
+        clipped * clipped
+    };
+    let forces = forces.as_flattened();
+    let (blocks, rest) = forces.as_chunks::<8>();
+    let mut sums = [0.0; 8];
+    for (i, block) in blocks.iter().enumerate() {
+        for (sum, force) in sums.iter_mut().zip(block) {
+            // The first block is where NumPy's sums begin: 0 + x could change the sign of a zero,
+            // but squares have none.
+            *sum = if i == 0 { square(force) } else { *sum + square(force) };
+        }
+    }
+    let [a, b, c, d, e, f, g, h] = sums;
+    let blocks = ((a + b) + (c + d)) + ((e + f) + (g + h));
+    rest.iter().fold(blocks, |sum, force| sum + square(force))
 }
 
 fn is_healthy(physics: &Physics) -> bool {

@@ -1,8 +1,9 @@
-//! Halfcheetah: a planar runner with two legs. Equals Gymnasium's `HalfCheetah-v4`.
+//! Halfcheetah: a planar runner with two legs. Equals Gymnasium's `HalfCheetah-v4` and
+//! `HalfCheetah-v5`.
 
 use palr_gym_core::random::Generator;
 use palr_gym_core::task::ObservationEntry as Entry;
-use palr_gym_core::{ReferenceReturns, TaskSpec};
+use palr_gym_core::{Fidelity, ReferenceReturns, TaskSpec};
 
 use super::locomotion::{add_normal, add_uniform, control_cost, observe};
 use super::{Outcome, Task};
@@ -14,6 +15,7 @@ const CONTROL_COST_WEIGHT: f32 = 0.1;
 const SPEC: TaskSpec = TaskSpec {
     name: "halfcheetah",
     description: "A planar two-legged runner runs forward; it cannot fall out of an episode.",
+    fidelity: Fidelity::Gym4,
     equals: "Gymnasium HalfCheetah-v4",
     observation: &[
         Entry::unbounded("qpos[rootz]"),
@@ -43,18 +45,32 @@ const SPEC: TaskSpec = TaskSpec {
     frame_skip: 5,
     physics_timestep_s: 0.01,
     info_names: &["x_position", "x_velocity", "reward_run", "reward_ctrl"],
+    reset_info_names: &[],
+    expert_observation_size: 17,
     // D4RL's reference scores for halfcheetah.
     reference_returns: ReferenceReturns { random: -280.178953, expert: 12135.0 },
+};
+
+/// What `-v5` changed.
+const SPEC_GYM5: TaskSpec = TaskSpec {
+    fidelity: Fidelity::Gym5,
+    equals: "Gymnasium HalfCheetah-v5",
+    info_names: &["x_position", "x_velocity", "reward_forward", "reward_ctrl"],
+    reset_info_names: &["x_position"],
+    ..SPEC
 };
 
 static SCENE: Scene = Scene::new(SPEC.name, include_str!("../../../../scenes/halfcheetah.xml"));
 
 /// The task.
-pub(super) struct Halfcheetah;
+pub(super) struct Halfcheetah(pub(super) Fidelity);
 
 impl Task for Halfcheetah {
     fn spec(&self) -> &'static TaskSpec {
-        &SPEC
+        match self.0 {
+            Fidelity::Gym4 => &SPEC,
+            Fidelity::Gym5 => &SPEC_GYM5,
+        }
     }
 
     fn scene(&self) -> &'static Scene {
@@ -86,5 +102,11 @@ impl Task for Halfcheetah {
         let cost = f64::from(control_cost(CONTROL_COST_WEIGHT, action));
         info.copy_from_slice(&[x_position, x_velocity, x_velocity, -cost]);
         Outcome { reward: x_velocity - cost, terminated: false }
+    }
+
+    fn reset_info(&self, physics: &Physics, info: &mut [f64]) {
+        if self.0 == Fidelity::Gym5 {
+            info[0] = physics.qpos()[0];
+        }
     }
 }

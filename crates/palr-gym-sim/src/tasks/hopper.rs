@@ -1,10 +1,13 @@
-//! Hopper: one leg that should hop forward. Equals Gymnasium's `Hopper-v4`.
+//! Hopper: one leg that should hop forward. Equals Gymnasium's `Hopper-v4` and
+//! `Hopper-v5`.
 
 use palr_gym_core::random::Generator;
 use palr_gym_core::task::ObservationEntry as Entry;
-use palr_gym_core::{ReferenceReturns, TaskSpec};
+use palr_gym_core::{Fidelity, ReferenceReturns, TaskSpec};
 
-use super::locomotion::{add_uniform, control_cost, forward_outcome, is_within, observe};
+use super::locomotion::{
+    add_uniform, control_cost, forward_outcome, forward_reset_info, is_within, observe,
+};
 use super::{Outcome, Task};
 use crate::physics::{Physics, Scene};
 
@@ -20,6 +23,7 @@ const HEALTHY_STATE: (f64, f64) = (-100.0, 100.0);
 const SPEC: TaskSpec = TaskSpec {
     name: "hopper",
     description: "One leg hops forward without falling.",
+    fidelity: Fidelity::Gym4,
     equals: "Gymnasium Hopper-v4",
     observation: &[
         Entry::unbounded("qpos[rootz]"),
@@ -41,18 +45,39 @@ const SPEC: TaskSpec = TaskSpec {
     frame_skip: 4,
     physics_timestep_s: 0.002,
     info_names: &["x_position", "x_velocity"],
+    reset_info_names: &[],
+    expert_observation_size: 11,
     // D4RL's reference scores for hopper.
     reference_returns: ReferenceReturns { random: -20.272305, expert: 3234.3 },
+};
+
+/// What `-v5` changed.
+const SPEC_GYM5: TaskSpec = TaskSpec {
+    fidelity: Fidelity::Gym5,
+    equals: "Gymnasium Hopper-v5",
+    info_names: &[
+        "x_position",
+        "z_distance_from_origin",
+        "x_velocity",
+        "reward_forward",
+        "reward_ctrl",
+        "reward_survive",
+    ],
+    reset_info_names: &["x_position", "z_distance_from_origin"],
+    ..SPEC
 };
 
 static SCENE: Scene = Scene::new(SPEC.name, include_str!("../../../../scenes/hopper.xml"));
 
 /// The task.
-pub(super) struct Hopper;
+pub(super) struct Hopper(pub(super) Fidelity);
 
 impl Task for Hopper {
     fn spec(&self) -> &'static TaskSpec {
-        &SPEC
+        match self.0 {
+            Fidelity::Gym4 => &SPEC,
+            Fidelity::Gym5 => &SPEC_GYM5,
+        }
     }
 
     fn scene(&self) -> &'static Scene {
@@ -80,7 +105,11 @@ impl Task for Hopper {
         info: &mut [f64],
     ) -> Outcome {
         let cost = control_cost(CONTROL_COST_WEIGHT, action);
-        forward_outcome(&SPEC, physics, before_m, cost, is_healthy(physics), info)
+        forward_outcome(self.spec(), physics, before_m, cost, is_healthy(physics), info)
+    }
+
+    fn reset_info(&self, physics: &Physics, info: &mut [f64]) {
+        forward_reset_info(self.spec(), physics, info);
     }
 }
 

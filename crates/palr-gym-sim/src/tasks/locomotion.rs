@@ -1,7 +1,7 @@
 //! What Gymnasium's locomotion tasks share, down to the order of additions.
 
-use palr_gym_core::TaskSpec;
 use palr_gym_core::random::Generator;
+use palr_gym_core::{Fidelity, TaskSpec};
 
 use super::Outcome;
 use crate::physics::Physics;
@@ -21,7 +21,7 @@ pub(super) fn control_cost(weight: f32, action: &[f32]) -> f32 {
 }
 
 /// What hopper and walker2d pay: velocity along the track and an alive bonus of 1, minus the control
-/// cost. The bonus is paid on the failing step too.
+/// cost. `-v4` pays the bonus on the failing step too.
 pub(super) fn forward_outcome(
     spec: &TaskSpec,
     physics: &Physics,
@@ -33,10 +33,27 @@ pub(super) fn forward_outcome(
     const HEALTHY_REWARD: f64 = 1.0;
     let x_position = physics.qpos()[0];
     let x_velocity = (x_position - before_m[0]) / spec.control_timestep_s();
-    info.copy_from_slice(&[x_position, x_velocity]);
-    Outcome {
-        reward: (x_velocity + HEALTHY_REWARD) - f64::from(control_cost),
-        terminated: !is_healthy,
+    let cost = f64::from(control_cost);
+    let reward = match spec.fidelity {
+        Fidelity::Gym4 => {
+            info.copy_from_slice(&[x_position, x_velocity]);
+            (x_velocity + HEALTHY_REWARD) - cost
+        }
+        Fidelity::Gym5 => {
+            let healthy_reward = if is_healthy { HEALTHY_REWARD } else { 0.0 };
+            forward_reset_info(spec, physics, &mut info[..2]);
+            info[2..].copy_from_slice(&[x_velocity, x_velocity, -cost, healthy_reward]);
+            (x_velocity + healthy_reward) - cost
+        }
+    };
+    Outcome { reward, terminated: !is_healthy }
+}
+
+/// What hopper and walker2d report of a reset: only `-v5` does.
+pub(super) fn forward_reset_info(spec: &TaskSpec, physics: &Physics, info: &mut [f64]) {
+    if spec.fidelity == Fidelity::Gym5 {
+        let height_m = physics.qpos()[1] - physics.initial_qpos()[1];
+        info.copy_from_slice(&[physics.qpos()[0], height_m]);
     }
 }
 

@@ -1,10 +1,13 @@
-//! Walker2d: two legs that should walk forward. Equals Gymnasium's `Walker2d-v4`.
+//! Walker2d: two legs that should walk forward. Equals Gymnasium's `Walker2d-v4` and
+//! `Walker2d-v5`.
 
 use palr_gym_core::random::Generator;
 use palr_gym_core::task::ObservationEntry as Entry;
-use palr_gym_core::{ReferenceReturns, TaskSpec};
+use palr_gym_core::{Fidelity, ReferenceReturns, TaskSpec};
 
-use super::locomotion::{add_uniform, control_cost, forward_outcome, is_within, observe};
+use super::locomotion::{
+    add_uniform, control_cost, forward_outcome, forward_reset_info, is_within, observe,
+};
 use super::{Outcome, Task};
 use crate::physics::{Physics, Scene};
 
@@ -18,6 +21,7 @@ const HEALTHY_ANGLE_RAD: (f64, f64) = (-1.0, 1.0);
 const SPEC: TaskSpec = TaskSpec {
     name: "walker2d",
     description: "Two legs walk forward without falling.",
+    fidelity: Fidelity::Gym4,
     equals: "Gymnasium Walker2d-v4",
     observation: &[
         Entry::unbounded("qpos[rootz]"),
@@ -52,22 +56,49 @@ const SPEC: TaskSpec = TaskSpec {
     frame_skip: 4,
     physics_timestep_s: 0.002,
     info_names: &["x_position", "x_velocity"],
+    reset_info_names: &[],
+    expert_observation_size: 17,
     // D4RL's reference scores for walker2d.
     reference_returns: ReferenceReturns { random: 1.629008, expert: 4592.3 },
 };
 
+/// What `-v5` changed.
+const SPEC_GYM5: TaskSpec = TaskSpec {
+    fidelity: Fidelity::Gym5,
+    equals: "Gymnasium Walker2d-v5",
+    info_names: &[
+        "x_position",
+        "z_distance_from_origin",
+        "x_velocity",
+        "reward_forward",
+        "reward_ctrl",
+        "reward_survive",
+    ],
+    reset_info_names: &["x_position", "z_distance_from_origin"],
+    ..SPEC
+};
+
 static SCENE: Scene = Scene::new(SPEC.name, include_str!("../../../../scenes/walker2d.xml"));
+/// Both feet as sticky as the left one is in `-v4`.
+static SCENE_GYM5: Scene =
+    Scene::new(SPEC.name, include_str!("../../../../scenes/walker2d-gym5.xml"));
 
 /// The task.
-pub(super) struct Walker2d;
+pub(super) struct Walker2d(pub(super) Fidelity);
 
 impl Task for Walker2d {
     fn spec(&self) -> &'static TaskSpec {
-        &SPEC
+        match self.0 {
+            Fidelity::Gym4 => &SPEC,
+            Fidelity::Gym5 => &SPEC_GYM5,
+        }
     }
 
     fn scene(&self) -> &'static Scene {
-        &SCENE
+        match self.0 {
+            Fidelity::Gym4 => &SCENE,
+            Fidelity::Gym5 => &SCENE_GYM5,
+        }
     }
 
     fn perturb(&self, generator: &mut Generator, qpos: &mut [f64], qvel: &mut [f64]) {
@@ -91,7 +122,11 @@ impl Task for Walker2d {
         info: &mut [f64],
     ) -> Outcome {
         let cost = control_cost(CONTROL_COST_WEIGHT, action);
-        forward_outcome(&SPEC, physics, before_m, cost, is_healthy(physics), info)
+        forward_outcome(self.spec(), physics, before_m, cost, is_healthy(physics), info)
+    }
+
+    fn reset_info(&self, physics: &Physics, info: &mut [f64]) {
+        forward_reset_info(self.spec(), physics, info);
     }
 }
 

@@ -2,7 +2,7 @@
 
 use palr_gym_core::random::Generator;
 use palr_gym_core::task::ObservationEntry;
-use palr_gym_core::{EnvId, Mask, ReferenceReturns, TaskSpec};
+use palr_gym_core::{EnvId, Fidelity, Mask, ReferenceReturns, TaskSpec};
 
 use super::*;
 use crate::divergence::Divergence;
@@ -36,6 +36,7 @@ macro_rules! boxes {
 const SPEC: TaskSpec = TaskSpec {
     name: "boxes",
     description: "Boxes fall on a floor.",
+    fidelity: Fidelity::Gym4,
     equals: "nothing",
     observation: &[ObservationEntry::unbounded("qpos[slide]")],
     action_names: &["slide"],
@@ -45,6 +46,8 @@ const SPEC: TaskSpec = TaskSpec {
     frame_skip: 5,
     physics_timestep_s: 0.002,
     info_names: &["height"],
+    reset_info_names: &[],
+    expert_observation_size: 1,
     reference_returns: ReferenceReturns { random: 0.0, expert: 1.0 },
 };
 
@@ -101,7 +104,12 @@ impl Task for Boxes {
 }
 
 fn vector(task: &'static Boxes, num_envs: usize, mode: AutoresetMode) -> VectorEnv {
-    let env_id = EnvId { task: task.spec.name.into(), mask: Mask::Full, frame_stack: 2 };
+    let env_id = EnvId {
+        task: task.spec.name.into(),
+        mask: Mask::Full,
+        fidelity: Fidelity::Gym4,
+        frame_stack: 2,
+    };
     let spec = EnvSpec::new(env_id, &task.spec);
     let threads = SimulationThreads::start(2).unwrap();
     let options = VectorOptions { autoreset_mode: mode, out_of_bounds: OutOfBounds::Raw };

@@ -29,15 +29,18 @@ pub struct StepFrame {
     pub terminated: Vec<bool>,
     /// `[steps, num_envs]`.
     pub truncated: Vec<bool>,
-    /// `[steps, num_envs, info_names]`; NaN in rows that this step reset or in which the simulation
-    /// diverged.
+    /// `[steps, num_envs, info_names]`; NaN in rows in which the simulation diverged, and in those
+    /// that this step reset, but for what a reset reports.
     pub info: Vec<f64>,
     /// `[steps, num_envs, observation_size]`; SAME_STEP only, and valid only in the rows whose
     /// episode this step ended.
     pub final_observations: Vec<f64>,
+    /// `[steps, num_envs, reset_info_names]`; SAME_STEP only, and valid in the same rows.
+    pub reset_info: Vec<f64>,
     /// Episodes that diverged, in the order of steps and environments. Hardly ever any.
     pub diverged: Vec<DivergedEpisode>,
     num_envs: usize,
+    reset_info_size: usize,
 }
 
 /// The rows of one environment in one step.
@@ -48,6 +51,9 @@ pub(super) struct Row<'a> {
     pub(super) truncated: &'a mut bool,
     pub(super) info: &'a mut [f64],
     pub(super) final_observation: Option<&'a mut [f64]>,
+    /// Room for what a reset reports: at the head of `info`, and (SAME_STEP) here.
+    pub(super) reset_info_size: usize,
+    pub(super) reset_info: Option<&'a mut [f64]>,
 }
 
 impl StepFrame {
@@ -68,8 +74,10 @@ impl StepFrame {
         self.terminated.resize(count, false);
         self.truncated.resize(count, false);
         self.info.resize(count * spec.task.info_names.len(), 0.0);
-        let has_final = mode == AutoresetMode::SameStep;
-        self.final_observations.resize(if has_final { observation_count } else { 0 }, 0.0);
+        self.reset_info_size = spec.task.reset_info_names.len();
+        let has_final = usize::from(mode == AutoresetMode::SameStep);
+        self.final_observations.resize(has_final * observation_count, 0.0);
+        self.reset_info.resize(has_final * count * self.reset_info_size, 0.0);
     }
 
     /// Brings them into their order: they come piece by piece.
@@ -89,6 +97,7 @@ impl StepFrame {
         let count = self.rewards.len();
         let size = self.observations.len() / count;
         let info_size = self.info.len() / count;
+        let reset_size = self.reset_info_size;
         Row {
             observation: &mut self.observations[index * size..(index + 1) * size],
             reward: &mut self.rewards[index],
@@ -96,6 +105,8 @@ impl StepFrame {
             truncated: &mut self.truncated[index],
             info: &mut self.info[index * info_size..(index + 1) * info_size],
             final_observation: self.final_observations.get_mut(index * size..(index + 1) * size),
+            reset_info_size: reset_size,
+            reset_info: self.reset_info.get_mut(index * reset_size..(index + 1) * reset_size),
         }
     }
 
@@ -117,6 +128,7 @@ impl StepFrame {
             rows.copy(&piece.truncated, &mut self.truncated);
             rows.copy(&piece.info, &mut self.info);
             rows.copy(&piece.final_observations, &mut self.final_observations);
+            rows.copy(&piece.reset_info, &mut self.reset_info);
         }
         self.diverged.extend(piece.diverged.iter().map(|diverged| DivergedEpisode {
             step: first_step + diverged.step,

@@ -15,6 +15,8 @@ pub(super) struct Slot {
     pub(super) env: Env,
     /// The episode has ended and a reset is due.
     pub(super) is_over: bool,
+    /// The last [`Order::Reset`] reset it.
+    pub(super) was_reset: bool,
     /// What the next [`Order::Reset`] means here.
     pub(super) reset_order: Option<ResetOrder>,
 }
@@ -95,13 +97,14 @@ impl Part for Piece {
 
 impl Slot {
     pub(super) fn new(env: Env) -> Self {
-        Self { env, is_over: false, reset_order: None }
+        Self { env, is_over: false, was_reset: false, reset_order: None }
     }
 
     fn reset(&mut self, seed: Option<u64>) -> Result<(), SimError> {
         let done = self.env.reset(seed);
         // Where no episode could begin, none can go on.
         self.is_over = done.is_err();
+        self.was_reset = done.is_ok();
         done
     }
 
@@ -110,7 +113,13 @@ impl Slot {
         let transition = if self.is_over {
             // NEXT_STEP: this step's action is ignored. (DISABLED never comes here.)
             row.info.fill(f64::NAN);
-            let divergence = self.env.reset(None).err().map(|_| Divergence::EngineError);
+            let divergence = match self.env.reset(None) {
+                Ok(()) => {
+                    self.env.reset_info(&mut row.info[..row.reset_info_size]);
+                    None
+                }
+                Err(_) => Some(Divergence::EngineError),
+            };
             let truncated = divergence.is_some();
             Transition { reward: 0.0, terminated: false, truncated, divergence }
         } else {
@@ -122,6 +131,9 @@ impl Slot {
                 final_observation.copy_from_slice(self.env.observation());
             }
             self.is_over = self.env.reset(None).is_err();
+            if let Some(reset_info) = row.reset_info {
+                self.env.reset_info(reset_info);
+            }
         }
         row.observation.copy_from_slice(self.env.observation());
         *row.reward = transition.reward;

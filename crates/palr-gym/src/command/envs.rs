@@ -66,7 +66,7 @@ fn print_tasks(tasks: &[v1::Task]) {
         ["task", "equals", "observation", "actions", "return at score 0 / 100", "expert (return)"];
     println!("{}", output::table(&header, rows, 6));
     println!(
-        "An environment is TASK[-full|-paper|-strict][-wN], such as hopper-w2; `palr-gym envs hopper-w2` describes it."
+        "An environment is TASK[-full|-paper|-strict][-gym5][-wN], such as hopper-w2; `palr-gym envs hopper-w2` describes it."
     );
 }
 

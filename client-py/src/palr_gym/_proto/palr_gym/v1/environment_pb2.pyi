@@ -15,6 +15,25 @@ class Mask(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     MASK_PAPER: _ClassVar[Mask]
     MASK_STRICT: _ClassVar[Mask]
 
+class Fidelity(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+    __slots__ = ()
+    FIDELITY_UNSPECIFIED: _ClassVar[Fidelity]
+    FIDELITY_GYM4: _ClassVar[Fidelity]
+    FIDELITY_GYM5: _ClassVar[Fidelity]
+
+class Divergence(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+    __slots__ = ()
+    DIVERGENCE_UNSPECIFIED: _ClassVar[Divergence]
+    DIVERGENCE_INERTIA: _ClassVar[Divergence]
+    DIVERGENCE_CONTACTS_FULL: _ClassVar[Divergence]
+    DIVERGENCE_CONSTRAINTS_FULL: _ClassVar[Divergence]
+    DIVERGENCE_BAD_POSITION: _ClassVar[Divergence]
+    DIVERGENCE_BAD_VELOCITY: _ClassVar[Divergence]
+    DIVERGENCE_BAD_ACCELERATION: _ClassVar[Divergence]
+    DIVERGENCE_BAD_CONTROL: _ClassVar[Divergence]
+    DIVERGENCE_NOT_FINITE: _ClassVar[Divergence]
+    DIVERGENCE_ENGINE_ERROR: _ClassVar[Divergence]
+
 class AutoresetMode(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     __slots__ = ()
     AUTORESET_MODE_UNSPECIFIED: _ClassVar[AutoresetMode]
@@ -32,6 +51,19 @@ MASK_UNSPECIFIED: Mask
 MASK_FULL: Mask
 MASK_PAPER: Mask
 MASK_STRICT: Mask
+FIDELITY_UNSPECIFIED: Fidelity
+FIDELITY_GYM4: Fidelity
+FIDELITY_GYM5: Fidelity
+DIVERGENCE_UNSPECIFIED: Divergence
+DIVERGENCE_INERTIA: Divergence
+DIVERGENCE_CONTACTS_FULL: Divergence
+DIVERGENCE_CONSTRAINTS_FULL: Divergence
+DIVERGENCE_BAD_POSITION: Divergence
+DIVERGENCE_BAD_VELOCITY: Divergence
+DIVERGENCE_BAD_ACCELERATION: Divergence
+DIVERGENCE_BAD_CONTROL: Divergence
+DIVERGENCE_NOT_FINITE: Divergence
+DIVERGENCE_ENGINE_ERROR: Divergence
 AUTORESET_MODE_UNSPECIFIED: AutoresetMode
 AUTORESET_MODE_NEXT_STEP: AutoresetMode
 AUTORESET_MODE_SAME_STEP: AutoresetMode
@@ -74,7 +106,7 @@ class Expert(_message.Message):
     def __init__(self, sha256: _Optional[str] = ..., card_return: _Optional[float] = ..., model_card: _Optional[str] = ...) -> None: ...
 
 class Task(_message.Message):
-    __slots__ = ("name", "description", "equals", "full_observation_size", "action_size", "max_episode_steps", "masks", "reference_returns", "expert")
+    __slots__ = ("name", "description", "equals", "full_observation_size", "action_size", "max_episode_steps", "masks", "reference_returns", "expert", "fidelity_profiles")
     NAME_FIELD_NUMBER: _ClassVar[int]
     DESCRIPTION_FIELD_NUMBER: _ClassVar[int]
     EQUALS_FIELD_NUMBER: _ClassVar[int]
@@ -84,6 +116,7 @@ class Task(_message.Message):
     MASKS_FIELD_NUMBER: _ClassVar[int]
     REFERENCE_RETURNS_FIELD_NUMBER: _ClassVar[int]
     EXPERT_FIELD_NUMBER: _ClassVar[int]
+    FIDELITY_PROFILES_FIELD_NUMBER: _ClassVar[int]
     name: str
     description: str
     equals: str
@@ -93,7 +126,20 @@ class Task(_message.Message):
     masks: _containers.RepeatedCompositeFieldContainer[TaskMask]
     reference_returns: ReferenceReturns
     expert: Expert
-    def __init__(self, name: _Optional[str] = ..., description: _Optional[str] = ..., equals: _Optional[str] = ..., full_observation_size: _Optional[int] = ..., action_size: _Optional[int] = ..., max_episode_steps: _Optional[int] = ..., masks: _Optional[_Iterable[_Union[TaskMask, _Mapping]]] = ..., reference_returns: _Optional[_Union[ReferenceReturns, _Mapping]] = ..., expert: _Optional[_Union[Expert, _Mapping]] = ...) -> None: ...
+    fidelity_profiles: _containers.RepeatedCompositeFieldContainer[FidelityProfile]
+    def __init__(self, name: _Optional[str] = ..., description: _Optional[str] = ..., equals: _Optional[str] = ..., full_observation_size: _Optional[int] = ..., action_size: _Optional[int] = ..., max_episode_steps: _Optional[int] = ..., masks: _Optional[_Iterable[_Union[TaskMask, _Mapping]]] = ..., reference_returns: _Optional[_Union[ReferenceReturns, _Mapping]] = ..., expert: _Optional[_Union[Expert, _Mapping]] = ..., fidelity_profiles: _Optional[_Iterable[_Union[FidelityProfile, _Mapping]]] = ...) -> None: ...
+
+class FidelityProfile(_message.Message):
+    __slots__ = ("fidelity", "id_suffix", "equals", "full_observation_size")
+    FIDELITY_FIELD_NUMBER: _ClassVar[int]
+    ID_SUFFIX_FIELD_NUMBER: _ClassVar[int]
+    EQUALS_FIELD_NUMBER: _ClassVar[int]
+    FULL_OBSERVATION_SIZE_FIELD_NUMBER: _ClassVar[int]
+    fidelity: Fidelity
+    id_suffix: str
+    equals: str
+    full_observation_size: int
+    def __init__(self, fidelity: _Optional[_Union[Fidelity, str]] = ..., id_suffix: _Optional[str] = ..., equals: _Optional[str] = ..., full_observation_size: _Optional[int] = ...) -> None: ...
 
 class TaskMask(_message.Message):
     __slots__ = ("mask", "indices")
@@ -104,7 +150,7 @@ class TaskMask(_message.Message):
     def __init__(self, mask: _Optional[_Union[Mask, str]] = ..., indices: _Optional[_Iterable[int]] = ...) -> None: ...
 
 class EnvironmentSpec(_message.Message):
-    __slots__ = ("env_id", "task", "mask", "frame_stack", "observation_space", "action_space", "max_episode_steps", "frame_skip", "physics_timestep_s", "control_timestep_s", "info_names", "reference_returns", "has_expert", "mask_indices")
+    __slots__ = ("env_id", "task", "mask", "frame_stack", "observation_space", "action_space", "max_episode_steps", "frame_skip", "physics_timestep_s", "control_timestep_s", "info_names", "reference_returns", "has_expert", "mask_indices", "fidelity", "equals", "reset_info_names")
     ENV_ID_FIELD_NUMBER: _ClassVar[int]
     TASK_FIELD_NUMBER: _ClassVar[int]
     MASK_FIELD_NUMBER: _ClassVar[int]
@@ -119,6 +165,9 @@ class EnvironmentSpec(_message.Message):
     REFERENCE_RETURNS_FIELD_NUMBER: _ClassVar[int]
     HAS_EXPERT_FIELD_NUMBER: _ClassVar[int]
     MASK_INDICES_FIELD_NUMBER: _ClassVar[int]
+    FIDELITY_FIELD_NUMBER: _ClassVar[int]
+    EQUALS_FIELD_NUMBER: _ClassVar[int]
+    RESET_INFO_NAMES_FIELD_NUMBER: _ClassVar[int]
     env_id: str
     task: str
     mask: Mask
@@ -133,4 +182,7 @@ class EnvironmentSpec(_message.Message):
     reference_returns: ReferenceReturns
     has_expert: bool
     mask_indices: _containers.RepeatedScalarFieldContainer[int]
-    def __init__(self, env_id: _Optional[str] = ..., task: _Optional[str] = ..., mask: _Optional[_Union[Mask, str]] = ..., frame_stack: _Optional[int] = ..., observation_space: _Optional[_Union[BoxSpace, _Mapping]] = ..., action_space: _Optional[_Union[BoxSpace, _Mapping]] = ..., max_episode_steps: _Optional[int] = ..., frame_skip: _Optional[int] = ..., physics_timestep_s: _Optional[float] = ..., control_timestep_s: _Optional[float] = ..., info_names: _Optional[_Iterable[str]] = ..., reference_returns: _Optional[_Union[ReferenceReturns, _Mapping]] = ..., has_expert: _Optional[bool] = ..., mask_indices: _Optional[_Iterable[int]] = ...) -> None: ...
+    fidelity: Fidelity
+    equals: str
+    reset_info_names: _containers.RepeatedScalarFieldContainer[str]
+    def __init__(self, env_id: _Optional[str] = ..., task: _Optional[str] = ..., mask: _Optional[_Union[Mask, str]] = ..., frame_stack: _Optional[int] = ..., observation_space: _Optional[_Union[BoxSpace, _Mapping]] = ..., action_space: _Optional[_Union[BoxSpace, _Mapping]] = ..., max_episode_steps: _Optional[int] = ..., frame_skip: _Optional[int] = ..., physics_timestep_s: _Optional[float] = ..., control_timestep_s: _Optional[float] = ..., info_names: _Optional[_Iterable[str]] = ..., reference_returns: _Optional[_Union[ReferenceReturns, _Mapping]] = ..., has_expert: _Optional[bool] = ..., mask_indices: _Optional[_Iterable[int]] = ..., fidelity: _Optional[_Union[Fidelity, str]] = ..., equals: _Optional[str] = ..., reset_info_names: _Optional[_Iterable[str]] = ...) -> None: ...

@@ -32,16 +32,18 @@ class GetEnvironmentSpecResponse(_message.Message):
     def __init__(self, spec: _Optional[_Union[_environment_pb2.EnvironmentSpec, _Mapping]] = ...) -> None: ...
 
 class OpenSessionRequest(_message.Message):
-    __slots__ = ("env_id", "num_envs", "autoreset_mode", "out_of_bounds")
+    __slots__ = ("env_id", "num_envs", "autoreset_mode", "out_of_bounds", "observation_dtype")
     ENV_ID_FIELD_NUMBER: _ClassVar[int]
     NUM_ENVS_FIELD_NUMBER: _ClassVar[int]
     AUTORESET_MODE_FIELD_NUMBER: _ClassVar[int]
     OUT_OF_BOUNDS_FIELD_NUMBER: _ClassVar[int]
+    OBSERVATION_DTYPE_FIELD_NUMBER: _ClassVar[int]
     env_id: str
     num_envs: int
     autoreset_mode: _environment_pb2.AutoresetMode
     out_of_bounds: _environment_pb2.OutOfBounds
-    def __init__(self, env_id: _Optional[str] = ..., num_envs: _Optional[int] = ..., autoreset_mode: _Optional[_Union[_environment_pb2.AutoresetMode, str]] = ..., out_of_bounds: _Optional[_Union[_environment_pb2.OutOfBounds, str]] = ...) -> None: ...
+    observation_dtype: _tensor_pb2.DataType
+    def __init__(self, env_id: _Optional[str] = ..., num_envs: _Optional[int] = ..., autoreset_mode: _Optional[_Union[_environment_pb2.AutoresetMode, str]] = ..., out_of_bounds: _Optional[_Union[_environment_pb2.OutOfBounds, str]] = ..., observation_dtype: _Optional[_Union[_tensor_pb2.DataType, str]] = ...) -> None: ...
 
 class OpenSessionResponse(_message.Message):
     __slots__ = ("session_id", "spec", "num_envs", "idle_limit_s")
@@ -76,10 +78,12 @@ class ResetRequest(_message.Message):
     def __init__(self, session_id: _Optional[str] = ..., seeds: _Optional[_Iterable[int]] = ..., env_indices: _Optional[_Iterable[int]] = ...) -> None: ...
 
 class ResetResponse(_message.Message):
-    __slots__ = ("observations",)
+    __slots__ = ("observations", "info")
     OBSERVATIONS_FIELD_NUMBER: _ClassVar[int]
+    INFO_FIELD_NUMBER: _ClassVar[int]
     observations: _tensor_pb2.Tensor
-    def __init__(self, observations: _Optional[_Union[_tensor_pb2.Tensor, _Mapping]] = ...) -> None: ...
+    info: _tensor_pb2.Tensor
+    def __init__(self, observations: _Optional[_Union[_tensor_pb2.Tensor, _Mapping]] = ..., info: _Optional[_Union[_tensor_pb2.Tensor, _Mapping]] = ...) -> None: ...
 
 class StepRequest(_message.Message):
     __slots__ = ("session_id", "actions")
@@ -90,20 +94,34 @@ class StepRequest(_message.Message):
     def __init__(self, session_id: _Optional[str] = ..., actions: _Optional[_Union[_tensor_pb2.Tensor, _Mapping]] = ...) -> None: ...
 
 class StepResponse(_message.Message):
-    __slots__ = ("observations", "rewards", "terminated", "truncated", "info", "final_observations")
+    __slots__ = ("observations", "rewards", "terminated", "truncated", "info", "final_observations", "reset_info", "diverged")
     OBSERVATIONS_FIELD_NUMBER: _ClassVar[int]
     REWARDS_FIELD_NUMBER: _ClassVar[int]
     TERMINATED_FIELD_NUMBER: _ClassVar[int]
     TRUNCATED_FIELD_NUMBER: _ClassVar[int]
     INFO_FIELD_NUMBER: _ClassVar[int]
     FINAL_OBSERVATIONS_FIELD_NUMBER: _ClassVar[int]
+    RESET_INFO_FIELD_NUMBER: _ClassVar[int]
+    DIVERGED_FIELD_NUMBER: _ClassVar[int]
     observations: _tensor_pb2.Tensor
     rewards: _tensor_pb2.Tensor
     terminated: _tensor_pb2.Tensor
     truncated: _tensor_pb2.Tensor
     info: _tensor_pb2.Tensor
     final_observations: _tensor_pb2.Tensor
-    def __init__(self, observations: _Optional[_Union[_tensor_pb2.Tensor, _Mapping]] = ..., rewards: _Optional[_Union[_tensor_pb2.Tensor, _Mapping]] = ..., terminated: _Optional[_Union[_tensor_pb2.Tensor, _Mapping]] = ..., truncated: _Optional[_Union[_tensor_pb2.Tensor, _Mapping]] = ..., info: _Optional[_Union[_tensor_pb2.Tensor, _Mapping]] = ..., final_observations: _Optional[_Union[_tensor_pb2.Tensor, _Mapping]] = ...) -> None: ...
+    reset_info: _tensor_pb2.Tensor
+    diverged: _containers.RepeatedCompositeFieldContainer[DivergedEpisode]
+    def __init__(self, observations: _Optional[_Union[_tensor_pb2.Tensor, _Mapping]] = ..., rewards: _Optional[_Union[_tensor_pb2.Tensor, _Mapping]] = ..., terminated: _Optional[_Union[_tensor_pb2.Tensor, _Mapping]] = ..., truncated: _Optional[_Union[_tensor_pb2.Tensor, _Mapping]] = ..., info: _Optional[_Union[_tensor_pb2.Tensor, _Mapping]] = ..., final_observations: _Optional[_Union[_tensor_pb2.Tensor, _Mapping]] = ..., reset_info: _Optional[_Union[_tensor_pb2.Tensor, _Mapping]] = ..., diverged: _Optional[_Iterable[_Union[DivergedEpisode, _Mapping]]] = ...) -> None: ...
+
+class DivergedEpisode(_message.Message):
+    __slots__ = ("step", "env_index", "reason")
+    STEP_FIELD_NUMBER: _ClassVar[int]
+    ENV_INDEX_FIELD_NUMBER: _ClassVar[int]
+    REASON_FIELD_NUMBER: _ClassVar[int]
+    step: int
+    env_index: int
+    reason: _environment_pb2.Divergence
+    def __init__(self, step: _Optional[int] = ..., env_index: _Optional[int] = ..., reason: _Optional[_Union[_environment_pb2.Divergence, str]] = ...) -> None: ...
 
 class StepStreamRequest(_message.Message):
     __slots__ = ("reset", "step")

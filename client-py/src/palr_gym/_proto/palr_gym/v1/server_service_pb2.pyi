@@ -22,7 +22,7 @@ class GetServerInfoResponse(_message.Message):
     def __init__(self, version: _Optional[str] = ..., mujoco_version: _Optional[str] = ..., limits: _Optional[_Union[ServerLimits, _Mapping]] = ..., simulation_threads: _Optional[int] = ...) -> None: ...
 
 class ServerLimits(_message.Message):
-    __slots__ = ("max_sessions", "max_envs_per_session", "max_envs", "max_frame_stack", "max_message_bytes", "max_policy_bytes", "max_episodes_per_request", "session_idle_limit_s")
+    __slots__ = ("max_sessions", "max_envs_per_session", "max_envs", "max_frame_stack", "max_message_bytes", "max_policy_bytes", "max_episodes_per_request", "session_idle_limit_s", "max_answer_bytes", "max_open_loop_steps", "max_snapshot_bytes")
     MAX_SESSIONS_FIELD_NUMBER: _ClassVar[int]
     MAX_ENVS_PER_SESSION_FIELD_NUMBER: _ClassVar[int]
     MAX_ENVS_FIELD_NUMBER: _ClassVar[int]
@@ -31,6 +31,9 @@ class ServerLimits(_message.Message):
     MAX_POLICY_BYTES_FIELD_NUMBER: _ClassVar[int]
     MAX_EPISODES_PER_REQUEST_FIELD_NUMBER: _ClassVar[int]
     SESSION_IDLE_LIMIT_S_FIELD_NUMBER: _ClassVar[int]
+    MAX_ANSWER_BYTES_FIELD_NUMBER: _ClassVar[int]
+    MAX_OPEN_LOOP_STEPS_FIELD_NUMBER: _ClassVar[int]
+    MAX_SNAPSHOT_BYTES_FIELD_NUMBER: _ClassVar[int]
     max_sessions: int
     max_envs_per_session: int
     max_envs: int
@@ -39,4 +42,7 @@ class ServerLimits(_message.Message):
     max_policy_bytes: int
     max_episodes_per_request: int
     session_idle_limit_s: int
-    def __init__(self, max_sessions: _Optional[int] = ..., max_envs_per_session: _Optional[int] = ..., max_envs: _Optional[int] = ..., max_frame_stack: _Optional[int] = ..., max_message_bytes: _Optional[int] = ..., max_policy_bytes: _Optional[int] = ..., max_episodes_per_request: _Optional[int] = ..., session_idle_limit_s: _Optional[int] = ...) -> None: ...
+    max_answer_bytes: int
+    max_open_loop_steps: int
+    max_snapshot_bytes: int
+    def __init__(self, max_sessions: _Optional[int] = ..., max_envs_per_session: _Optional[int] = ..., max_envs: _Optional[int] = ..., max_frame_stack: _Optional[int] = ..., max_message_bytes: _Optional[int] = ..., max_policy_bytes: _Optional[int] = ..., max_episodes_per_request: _Optional[int] = ..., session_idle_limit_s: _Optional[int] = ..., max_answer_bytes: _Optional[int] = ..., max_open_loop_steps: _Optional[int] = ..., max_snapshot_bytes: _Optional[int] = ...) -> None: ...

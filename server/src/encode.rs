@@ -1,0 +1,262 @@
+//! Answers as messages, encoded on the simulation thread.
+
+use bytes::{BufMut, Bytes, BytesMut};
+use palr_gym_core::EnvSpec;
+use palr_gym_proto::v1;
+use palr_gym_sim::{DivergedEpisode, Divergence, StepFrame, VectorOptions};
+
+use crate::convert;
+use crate::session::{Encode, Standing};
+
+/// Element type of observations on the wire.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum ObservationType {
+    /// As they are simulated.
+    #[default]
+    Float64,
+    /// Rounded to nearest.
+    Float32,
+}
+
+impl ObservationType {
+    /// What it is called on the wire.
+    #[must_use]
+    pub fn dtype(self) -> v1::DataType {
+        match self {
+            Self::Float64 => v1::DataType::Float64,
+            Self::Float32 => v1::DataType::Float32,
+        }
+    }
+
+    /// Bytes of an element.
+    #[must_use]
+    pub fn size(self) -> usize {
+        match self {
+            Self::Float64 => size_of::<f64>(),
+            Self::Float32 => size_of::<f32>(),
+        }
+    }
+}
+
+/// Encodes answers on the simulation thread, so that the network threads only copy bytes.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct WireEncode {
+    /// Element type of observations.
+    pub observation_type: ObservationType,
+}
+
+/// The answer to a command.
+#[derive(Debug)]
+pub enum WireAnswer {
+    /// To a reset.
+    Reset(v1::ResetResponse),
+    /// To a step or several.
+    Step(Box<v1::StepResponse>),
+    /// To the wish for a snapshot.
+    Snapshot(Bytes),
+    /// To a restore.
+    Restored(v1::RestoredState),
+}
+
+/// One buffer for all arrays of an answer, each of which is then a part of it.
+struct Payload {
+    bytes: BytesMut,
+}
+
+impl Payload {
+    fn with_capacity(bytes: usize) -> Self {
+        Self { bytes: BytesMut::with_capacity(bytes) }
+    }
+
+    fn put<T: bytemuck::NoUninit>(
+        &mut self,
+        dtype: v1::DataType,
+        values: &[T],
+        shape: Vec<i64>,
+    ) -> v1::Tensor {
+        self.bytes.put_slice(bytemuck::cast_slice(values));
+        v1::Tensor { dtype: dtype.into(), shape, data: self.bytes.split().freeze() }
+    }
+
+    fn float64(&mut self, values: &[f64], shape: Vec<i64>) -> v1::Tensor {
+        self.put(v1::DataType::Float64, values, shape)
+    }
+
+    fn boolean(&mut self, values: &[bool], shape: Vec<i64>) -> v1::Tensor {
+        self.put(v1::DataType::Bool, values, shape)
+    }
+
+    fn observations(
+        &mut self,
+        observation_type: ObservationType,
+        values: &[f64],
+        shape: Vec<i64>,
+    ) -> v1::Tensor {
+        match observation_type {
+            ObservationType::Float64 => self.float64(values, shape),
+            ObservationType::Float32 => {
+                for &value in values {
+                    self.bytes.put_f32_le(value as f32);
+                }
+                let data = self.bytes.split().freeze();
+                v1::Tensor { dtype: v1::DataType::Float32.into(), shape, data }
+            }
+        }
+    }
+}
+
+impl WireEncode {
+    /// What of this encoding a snapshot keeps; [`from_tag`](Self::from_tag) reads it.
+    const FLOAT32_TAG: u8 = 1;
+
+    /// The encoding that a snapshot names.
+    #[must_use]
+    pub fn from_tag(tag: u8) -> Option<Self> {
+        match tag {
+            0 => Some(Self { observation_type: ObservationType::Float64 }),
+            Self::FLOAT32_TAG => Some(Self { observation_type: ObservationType::Float32 }),
+            _ => None,
+        }
+    }
+
+    /// Bytes of arrays in the answer to one step, final observations included.
+    #[must_use]
+    pub fn step_bytes(self, spec: &EnvSpec, num_envs: usize) -> usize {
+        let observation = spec.observation_size() * self.observation_type.size();
+        let numbers = 1 + spec.task.info_names.len() + spec.task.reset_info_names.len();
+        num_envs * (2 * observation + numbers * size_of::<f64>() + 2)
+    }
+
+    fn steps(self, spec: &EnvSpec, frame: &StepFrame, shape: &[usize]) -> WireAnswer {
+        let size = spec.observation_size();
+        let shape_with = |last: Option<usize>| -> Vec<i64> {
+            shape.iter().copied().chain(last).map(|size| size as i64).collect()
+        };
+        let capacity = frame.observations.len() * self.observation_type.size()
+            + (frame.rewards.len() + frame.info.len()) * size_of::<f64>()
+            + frame.terminated.len()
+            + frame.truncated.len();
+        let mut payload = Payload::with_capacity(capacity);
+        let mut answer = v1::StepResponse {
+            observations: Some(payload.observations(
+                self.observation_type,
+                &frame.observations,
+                shape_with(Some(size)),
+            )),
+            rewards: Some(payload.float64(&frame.rewards, shape_with(None))),
+            terminated: Some(payload.boolean(&frame.terminated, shape_with(None))),
+            truncated: Some(payload.boolean(&frame.truncated, shape_with(None))),
+            info: Some(payload.float64(&frame.info, shape_with(Some(spec.task.info_names.len())))),
+            ..v1::StepResponse::default()
+        };
+        if !frame.final_observations.is_empty() {
+            self.add_final(spec, frame, &mut answer);
+        }
+        answer.diverged = frame.diverged.iter().map(diverged).collect();
+        WireAnswer::Step(Box::new(answer))
+    }
+
+    /// Adds what SAME_STEP delivers beside the new episodes.
+    fn add_final(self, spec: &EnvSpec, frame: &StepFrame, answer: &mut v1::StepResponse) {
+        let ended: Vec<usize> = (0..frame.rewards.len())
+            .filter(|&row| frame.terminated[row] || frame.truncated[row])
+            .collect();
+        if ended.is_empty() {
+            return;
+        }
+        let rows = |values: &[f64], size: usize| -> Vec<f64> {
+            ended.iter().flat_map(|row| &values[row * size..(row + 1) * size]).copied().collect()
+        };
+        let (size, reset_size) = (spec.observation_size(), spec.task.reset_info_names.len());
+        let shape = |size: usize| vec![ended.len() as i64, size as i64];
+        let observations = rows(&frame.final_observations, size);
+        let mut payload = Payload::with_capacity(0);
+        answer.final_observations =
+            Some(payload.observations(self.observation_type, &observations, shape(size)));
+        if reset_size > 0 {
+            let reset_info = rows(&frame.reset_info, reset_size);
+            answer.reset_info = Some(payload.float64(&reset_info, shape(reset_size)));
+        }
+    }
+
+    fn standing(self, spec: &EnvSpec, observations: &[f64]) -> v1::Tensor {
+        let size = spec.observation_size();
+        let shape = vec![(observations.len() / size) as i64, size as i64];
+        let mut payload = Payload::with_capacity(observations.len() * self.observation_type.size());
+        payload.observations(self.observation_type, observations, shape)
+    }
+
+    /// The state of a session that was restored or opened from a snapshot.
+    #[must_use]
+    pub fn restored_state(
+        self,
+        spec: &EnvSpec,
+        options: VectorOptions,
+        standing: &Standing,
+    ) -> v1::RestoredState {
+        let (autoreset_mode, out_of_bounds) = convert::options(options);
+        let num_envs = standing.is_over.len();
+        v1::RestoredState {
+            was_reset: standing.was_reset,
+            observations: Some(self.standing(spec, &standing.observations)),
+            is_over: Some(convert::boolean(&standing.is_over, &[num_envs])),
+            autoreset_mode: autoreset_mode.into(),
+            out_of_bounds: out_of_bounds.into(),
+        }
+    }
+}
+
+fn diverged(episode: &DivergedEpisode) -> v1::DivergedEpisode {
+    let reason = match episode.divergence {
+        Divergence::Inertia => v1::Divergence::Inertia,
+        Divergence::ContactsFull => v1::Divergence::ContactsFull,
+        Divergence::ConstraintsFull => v1::Divergence::ConstraintsFull,
+        Divergence::BadPosition => v1::Divergence::BadPosition,
+        Divergence::BadVelocity => v1::Divergence::BadVelocity,
+        Divergence::BadAcceleration => v1::Divergence::BadAcceleration,
+        Divergence::BadControl => v1::Divergence::BadControl,
+        Divergence::NotFinite => v1::Divergence::NotFinite,
+        Divergence::EngineError => v1::Divergence::EngineError,
+    };
+    v1::DivergedEpisode {
+        step: episode.step as u32,
+        env_index: episode.env_index as u32,
+        reason: reason.into(),
+    }
+}
+
+impl Encode for WireEncode {
+    type Answer = WireAnswer;
+
+    fn reset(&self, spec: &EnvSpec, standing: &Standing) -> WireAnswer {
+        let size = spec.task.reset_info_names.len();
+        let num_envs = standing.is_over.len();
+        WireAnswer::Reset(v1::ResetResponse {
+            observations: Some(self.standing(spec, &standing.observations)),
+            info: (size > 0).then(|| convert::float64(&standing.reset_info, &[num_envs, size])),
+        })
+    }
+
+    fn step(&self, spec: &EnvSpec, frame: &StepFrame) -> WireAnswer {
+        self.steps(spec, frame, &[frame.rewards.len()])
+    }
+
+    fn open_loop(&self, spec: &EnvSpec, frame: &StepFrame) -> WireAnswer {
+        self.steps(spec, frame, &[frame.steps, frame.rewards.len() / frame.steps])
+    }
+
+    fn tag(&self) -> u8 {
+        match self.observation_type {
+            ObservationType::Float64 => 0,
+            ObservationType::Float32 => Self::FLOAT32_TAG,
+        }
+    }
+
+    fn snapshot(&self, snapshot: Vec<u8>) -> WireAnswer {
+        WireAnswer::Snapshot(snapshot.into())
+    }
+
+    fn restored(&self, spec: &EnvSpec, options: VectorOptions, standing: &Standing) -> WireAnswer {
+        WireAnswer::Restored(self.restored_state(spec, options, standing))
+    }
+}
