@@ -1,9 +1,9 @@
 """One module for each first part of a name, and a line here."""
 
-from bench.families import latency, start, step
+from bench.families import latency, start, step, train
 from bench.plan import Group
 
 
 def groups() -> list[Group]:
     """Everything that can be measured."""
-    return [*step.groups(), *latency.groups(), *start.groups()]
+    return [*step.groups(), *latency.groups(), *start.groups(), *train.groups()]

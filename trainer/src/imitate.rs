@@ -10,6 +10,7 @@
 //! - [`manifest`]: `run.json`, what a folder says of itself.
 //! - [`records`]: `metrics.jsonl`, `evaluations.jsonl`.
 //! - [`tensorboard`]: the same numbers for TensorBoard.
+//! - [`summary`]: runs found, compared, brought together as curves.
 //! - [`beside`]: evaluation on the server while training goes on.
 //!
 //! # A run's folder
@@ -29,6 +30,7 @@ pub mod data;
 pub mod manifest;
 pub mod records;
 pub mod settings;
+pub mod summary;
 pub mod tensorboard;
 
 use std::ops::ControlFlow;
@@ -221,8 +223,9 @@ fn learn(
         true,
         |progress| {
             let metrics = Metrics::from(progress);
+            let before = progress.step.saturating_sub(settings.train.log_every);
             let is_due = every > 0
-                && (progress.step.is_multiple_of(every) || progress.step == progress.steps);
+                && (progress.step / every > before / every || progress.step == progress.steps);
             let result = recorder.metrics(&metrics).and_then(|()| {
                 if is_due { beside.submit(progress.step, &progress.policy) } else { Ok(()) }
             });

@@ -1,6 +1,7 @@
 //! The command line, as people read it in `--help`.
 
 pub mod demo;
+pub mod runs;
 pub mod train;
 
 use std::net::SocketAddr;
@@ -11,6 +12,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use palr_gym_trainer::ServerAddress;
 
 pub use demo::DemoArguments;
+pub use runs::{PlotArguments, RunsArguments};
 pub use train::TrainArguments;
 
 /// Version of this program and of MuJoCo.
@@ -63,6 +65,10 @@ pub enum Command {
     Evaluate(EvaluateArguments),
     /// Train a policy on recorded demonstrations: behaviour cloning or PALR.
     Train(TrainArguments),
+    /// List training runs and compare them.
+    Runs(RunsArguments),
+    /// Draw the curves of training runs.
+    Plot(PlotArguments),
     /// Estimate how much a policy's actions repeat the expert's past ones.
     Leakage(LeakageArguments),
     /// Collect, evaluate and draw, from nothing, in a folder of its own.

@@ -6,5 +6,6 @@ pub mod demo;
 pub mod envs;
 pub mod evaluate;
 pub mod leakage;
+pub mod runs;
 pub mod serve;
 pub mod train;

@@ -70,6 +70,8 @@ async fn run(cli: Cli) -> anyhow::Result<()> {
         Command::Collect(arguments) => command::collect::run(arguments).await,
         Command::Evaluate(arguments) => command::evaluate::run(arguments).await,
         Command::Train(arguments) => command::train::run(arguments).await,
+        Command::Runs(arguments) => command::runs::list(&arguments),
+        Command::Plot(arguments) => command::runs::plot(&arguments),
         Command::Leakage(arguments) => command::leakage::run(arguments).await,
         Command::Demo(arguments) => command::demo::run(arguments).await,
         Command::Completions(arguments) => {

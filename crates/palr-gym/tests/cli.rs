@@ -37,9 +37,18 @@ fn version_tells_mujocos_too() {
 
 #[test]
 fn every_command_teaches_its_use() {
-    for command in
-        ["serve", "envs", "collect", "evaluate", "leakage", "train", "demo", "completions"]
-    {
+    for command in [
+        "serve",
+        "envs",
+        "collect",
+        "evaluate",
+        "leakage",
+        "train",
+        "runs",
+        "plot",
+        "demo",
+        "completions",
+    ] {
         let output = palr_gym(Path::new("."), &[command, "--help"]);
         let text = String::from_utf8(output.stdout).unwrap();
         assert!(output.status.success());

@@ -233,6 +233,22 @@ fn equal_seeds_give_equal_policies_and_other_seeds_do_not() {
     let first = policy("3");
     assert!(first == policy("3"));
     assert!(first != policy("4"));
+
+    // The three are listed, told apart, and drawn as one curve with a band.
+    let runs = succeed(folder.path(), &["runs", "--json"]);
+    let seeds = runs.as_array().unwrap().iter().map(|run| &run["manifest"]["settings"]["seed"]);
+    assert_eq!(seeds.collect::<Vec<_>>(), [3, 3, 4]);
+    assert_eq!(runs[2]["metrics"].as_array().unwrap().len(), 3);
+    let table = String::from_utf8(palr_gym(folder.path(), &["runs"]).stdout).unwrap();
+    for text in ["runs/train/003", "hopper-w2-v0", "palr", "complete"] {
+        assert!(table.contains(text), "{text}: {table}");
+    }
+    assert!(palr_gym(folder.path(), &["plot", "runs/train"]).status.success());
+    let svg = std::fs::read_to_string(folder.path().join("curves.svg")).unwrap();
+    assert!(svg.contains("held-out log-likelihood") && svg.contains("hopper-w2-v0: 3 runs"));
+    assert!(folder.path().join("curves.png").exists());
+    let said = String::from_utf8(palr_gym(folder.path(), &["runs", "absent"]).stderr).unwrap();
+    assert!(said.contains("absent: No such file"), "{said}");
 }
 
 #[test]
