@@ -89,8 +89,10 @@ def negative_log_likelihood(mean: Tensor, log_std: Tensor, actions: Tensor) -> T
 
 
 def kernel(values: Tensor) -> Tensor:
-    """The Gaussian kernel with bandwidth 1."""
-    return torch.exp(-torch.cdist(values, values).square())
+    """The Gaussian kernel with bandwidth 1, its distances from products of matrices."""
+    squares = values.square().sum(-1)
+    distances = squares[:, None] + squares[None] - 2 * values @ values.T
+    return torch.exp(-distances.clamp(min=0))
 
 
 def hscic(phi: Tensor, past: Tensor, given: Tensor, ridge: float = 1e-5) -> Tensor:
@@ -101,7 +103,7 @@ def hscic(phi: Tensor, past: Tensor, given: Tensor, ridge: float = 1e-5) -> Tens
         kernel_y = kernel(past)
         inverse = torch.linalg.inv(kernel_z + n * ridge * torch.eye(n))
         weights = inverse @ kernel_z
-    kernel_x = torch.exp(-(phi[:, None] - phi[None]).square().sum(-1))
+    kernel_x = kernel(phi)
     first = weights.T @ (kernel_x * kernel_y) @ weights
     second = weights.T @ ((kernel_x @ weights) * (kernel_y @ weights))
     third = (weights.T @ kernel_x @ weights) * (weights.T @ kernel_y @ weights)

@@ -1,5 +1,4 @@
-//! Figures, as SVG and PNG of the same drawing: panels side by side, with curves, points and error
-//! bars.
+//! Figures, as SVG and PNG of the same drawing: panels with curves, points and error bars.
 
 use std::ops::Range;
 use std::path::Path;
@@ -78,7 +77,7 @@ pub struct Panel {
     pub series: Vec<Series>,
 }
 
-/// Draws `panels` side by side; writes `path` with the extensions `svg` and `png`.
+/// Draws `panels`, up to three side by side; writes `path` with the extensions `svg` and `png`.
 ///
 /// # Errors
 /// [`ClientError::Plot`], also for a panel without anything finite to draw.
@@ -94,11 +93,19 @@ pub fn figure(path: &Path, title: &str, panels: &[Panel]) -> Result<(), ClientEr
         return Err(failed(&svg, format!("nothing in panel {:?} is finite", empty.title)));
     }
     provide_font();
-    let size = (PANEL_PX.0 * panels.len() as u32, PANEL_PX.1 + TITLE_PX + LEGEND_PX);
+    let (rows, columns) = grid(panels.len());
+    let height = PANEL_PX.1 * rows as u32 + TITLE_PX + LEGEND_PX;
+    let size = (PANEL_PX.0 * columns as u32, height);
     draw(&SVGBackend::new(&svg, size).into_drawing_area(), title, &panels)
         .map_err(|error| failed(&svg, error.to_string()))?;
     draw(&BitMapBackend::new(&png, size).into_drawing_area(), title, &panels)
         .map_err(|error| failed(&png, error.to_string()))
+}
+
+/// Rows and columns of so many panels.
+fn grid(panels: usize) -> (usize, usize) {
+    let columns = if panels <= 3 { panels } else { panels.div_ceil(2).min(3) };
+    (panels.div_ceil(columns), columns)
 }
 
 /// A font of our own, so that a machine without any draws the same picture.
@@ -152,8 +159,9 @@ fn draw<B: DrawingBackend>(
     let (head, rest) = area.split_vertically(TITLE_PX);
     head.titled(title, (FONT, 22).into_font().color(&INK))?;
     let labels = labels(panels);
-    let (body, foot) = rest.split_vertically(PANEL_PX.1);
-    for (part, panel) in body.split_evenly((1, panels.len())).iter().zip(panels) {
+    let (rows, columns) = grid(panels.len());
+    let (body, foot) = rest.split_vertically(PANEL_PX.1 * rows as u32);
+    for (part, panel) in body.split_evenly((rows, columns)).iter().zip(panels) {
         draw_panel(part, panel, &labels)?;
     }
     legend(&foot, &labels)?;
@@ -233,6 +241,7 @@ where
         .bold_line_style(FAINT.mix(0.5))
         .axis_style(FAINT)
         .x_labels(6)
+        .y_labels(6)
         .x_desc(&panel.x_label)
         .y_desc(&panel.y_label)
         .x_label_formatter(&|value| number(*value))
@@ -283,12 +292,14 @@ fn number(value: f64) -> String {
         format!("{:.1}M", value / 1e6)
     } else if size >= 1e4 {
         format!("{:.0}k", value / 1e3)
+    } else if size < 1e-12 {
+        "0".to_owned()
     } else if size >= 100.0 || value.fract() == 0.0 {
         format!("{value:.0}")
-    } else if size >= 0.1 {
+    } else if size >= 0.095 {
         format!("{value:.1}")
     } else {
-        format!("{value:.0e}")
+        format!("{value:.1e}")
     }
 }
 

@@ -89,5 +89,6 @@ fn main() -> anyhow::Result<()> {
         }
         ControlFlow::Continue(())
     })?;
-    report(&Cost { cpu_s_per_step: spent / cli.steps as f64, steps: cli.steps })
+    report(&Cost { cpu_s_per_step: spent / cli.steps as f64, steps: cli.steps })?;
+    Ok(())
 }

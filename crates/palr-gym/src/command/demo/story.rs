@@ -119,9 +119,9 @@ impl Results {
             "does not leak measurably less or more (the intervals overlap)"
         };
         format!(
-            "Here, with one seed: PALR scores {difference:+.1} ± {se:.1} against BC and {leakage}.\n\
-             PALR took its weight matrices from a pool; the paper computes one each step. One seed\n\
-             and few steps are a demonstration, no result."
+            "Here, with one seed, PALR scores {difference:+.1} ± {se:.1} against BC, and its action\n\
+             {leakage}. PALR took its weight matrices\n\
+             from a pool; the paper computes one each step. One seed and few steps are no result."
         )
     }
 
