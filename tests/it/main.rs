@@ -9,6 +9,7 @@ mod drain;
 mod errors;
 mod leakage;
 mod rollouts;
+mod same_bits;
 mod sessions;
 mod snapshot;
 mod stream;

@@ -21,7 +21,11 @@ def test_all_promised_ids_are_registered() -> None:
         for task in ("hopper", "walker2d", "halfcheetah", "ant")
         for mask in ("", "-strict")
         for stack in ("-w1", "-w2", "-w3", "-w4", "-w5")
-    } | {f"palr_gym/{task}-v0" for task in ("hopper", "walker2d", "halfcheetah", "ant")}
+    } | {
+        f"palr_gym/{task}{fidelity}-v0"
+        for task in ("hopper", "walker2d", "halfcheetah", "ant")
+        for fidelity in ("", "-gym5")
+    }
     assert registered == expected
 
 

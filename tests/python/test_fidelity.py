@@ -1,4 +1,4 @@
-"""Through a real server, the four tasks are Gymnasium's `-v4` environments, bit for bit."""
+"""Through a real server, the tasks are Gymnasium's `-v4` and `-v5` environments, bit for bit."""
 
 import itertools
 import re
@@ -13,7 +13,7 @@ import palr_gym
 from palr_gym.session import OutOfBounds
 from support.reference import (
     MASKS,
-    TASKS,
+    PROFILES,
     MaskedStack,
     assert_same_bits,
     assert_same_infos,
@@ -47,7 +47,7 @@ def check_episodes(
             expected = theirs.reset(seed=episode_seed)
             where = f"{task}, seed {seed}, episode {episode}, reset"
             assert_same_bits(got[0], expected[0], where)
-            assert got[1] == expected[1] == {}
+            check_info(got[1], expected[1], where)
 
             actions = random_actions(
                 seed + episode, 1000, ours.remote_spec.action_space.shape[0], bound=bound
@@ -70,22 +70,28 @@ def check_step(got: tuple[Any, ...], expected: tuple[Any, ...], where: str) -> N
     assert_same_bits(got[1], np.float64(expected[1]), f"{where}, reward")
     assert got[2:4] == (bool(expected[2]), bool(expected[3])), where
     assert [type(flag) for flag in got[2:4]] == [bool, bool], where
-    assert set(got[4]) == set(expected[4]), where
-    for name, value in got[4].items():
+    check_info(got[4], expected[4], where)
+
+
+def check_info(got: dict[str, Any], expected: dict[str, Any], where: str) -> None:
+    """Compares the infos of single environments."""
+    assert set(got) == set(expected), where
+    for name, value in got.items():
         assert type(value) is float, where
-        assert_same_bits(value, np.float64(expected[4][name]), f"{where}, info {name}")
+        assert_same_bits(value, np.float64(expected[name]), f"{where}, info {name}")
 
 
 @pytest.mark.timeout(240)
 @pytest.mark.parametrize("seed", [0, 7, 2**40 + 1])
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("task", PROFILES)
 def test_whole_episodes_equal_gymnasium_bit_for_bit(task: str, seed: int, server: str) -> None:
-    check_episodes(task, server, seed=seed, episodes=2 if task in ("halfcheetah", "ant") else 5)
+    is_long = task.startswith(("halfcheetah", "ant"))
+    check_episodes(task, server, seed=seed, episodes=2 if is_long else 5)
 
 
 @pytest.mark.timeout(240)
 @pytest.mark.parametrize("out_of_bounds", ["raw", "clip"])
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("task", PROFILES)
 def test_actions_out_of_bounds_are_used_as_gymnasium_does_or_clipped(
     task: str, out_of_bounds: OutOfBounds, server: str
 ) -> None:
@@ -114,13 +120,18 @@ def test_an_episode_is_truncated_after_a_thousand_steps(server: str) -> None:
         "ant-w4",
         "ant-strict-w5",
         "ant-full-w64",
+        "hopper-gym5-w3",
+        "walker2d-strict-gym5-w2-v0",
+        "halfcheetah-paper-gym5",
+        "ant-gym5-w4",
+        "ant-full-gym5-w2",
     ],
 )
 def test_masks_and_stacks_equal_a_transcription_in_numpy(env_id: str, server: str) -> None:
-    match = re.fullmatch(r"(\w+?)(?:-(full|paper|strict))?(?:-w(\d+))?(?:-v0)?", env_id)
+    match = re.fullmatch(r"(\w+?)(?:-(full|paper|strict))?(-gym5)?(?:-w(\d+))?(?:-v0)?", env_id)
     assert match is not None
-    task, frame_stack = match[1], int(match[3] or 1)
-    theirs = gymnasium_env(task)
+    task, frame_stack = match[1], int(match[4] or 1)
+    theirs = gymnasium_env(task + (match[3] or ""))
     size = theirs.observation_space.shape or (0,)
     mask = match[2] or "paper"
     stack = MaskedStack(list(range(size[0])) if mask == "full" else MASKS[task][mask], frame_stack)
@@ -154,14 +165,14 @@ def check_vector_steps(
             got_reset = ours.reset(options={"reset_mask": ended})
             expected_reset = theirs.reset(options={"reset_mask": ended.copy()})
             assert_same_bits(got_reset[0], expected_reset[0], f"{here}, reset")
-            assert got_reset[1] == expected_reset[1] == {}
+            assert_same_infos(got_reset[1], expected_reset[1], f"{here}, reset")
     return ends
 
 
 @pytest.mark.timeout(240)
 @pytest.mark.parametrize("num_envs", [1, 2, 7])
 @pytest.mark.parametrize("mode", list(AutoresetMode), ids=lambda mode: mode.name)
-@pytest.mark.parametrize("task", ["hopper", "walker2d"])
+@pytest.mark.parametrize("task", ["hopper", "walker2d", "hopper-gym5", "walker2d-gym5"])
 def test_vector_env_equals_sync_vector_env(
     task: str, mode: AutoresetMode, num_envs: int, server: str
 ) -> None:
@@ -170,7 +181,7 @@ def test_vector_env_equals_sync_vector_env(
         where = f"{task}, {mode.name}, {num_envs} environments"
         got, expected = ours.reset(seed=11), theirs.reset(seed=11)
         assert_same_bits(got[0], expected[0], where)
-        assert got[1] == expected[1] == {}
+        assert_same_infos(got[1], expected[1], where)
         ends = check_vector_steps(
             ours, theirs, steps=200, where=where, reset_ended=mode is AutoresetMode.DISABLED
         )
@@ -179,7 +190,7 @@ def test_vector_env_equals_sync_vector_env(
 
 
 @pytest.mark.timeout(240)
-@pytest.mark.parametrize("task", ["halfcheetah", "ant"])
+@pytest.mark.parametrize("task", ["halfcheetah", "ant", "halfcheetah-gym5", "ant-gym5"])
 @pytest.mark.parametrize(
     "mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP], ids=lambda mode: mode.name
 )
@@ -194,20 +205,22 @@ def test_vector_env_equals_sync_vector_env_beyond_the_time_limit(
 
 def test_seeds_of_a_vector_env_mean_what_they_mean_to_gymnasium(server: str) -> None:
     seeds: list[int | list[int | None] | None] = [4, [9, 8, 7], None, [5, None, 6]]
-    theirs = gymnasium_vector_env("halfcheetah", 3)
+    theirs = gymnasium_vector_env("ant-gym5", 3)
     theirs.reset(seed=0)
-    with palr_gym.make_vec("halfcheetah", 3, server=server) as ours:
+    with palr_gym.make_vec("ant-gym5", 3, server=server) as ours:
         ours.reset(seed=0)
         for seed in seeds:
-            assert_same_bits(ours.reset(seed=seed)[0], theirs.reset(seed=seed)[0], f"{seed}")
+            got, expected = ours.reset(seed=seed), theirs.reset(seed=seed)
+            assert_same_bits(got[0], expected[0], f"{seed}")
+            assert_same_infos(got[1], expected[1], f"{seed}")
 
 
 @pytest.mark.parametrize("seed", [None, 100, [5, None, 6, None]])
 def test_a_partial_reset_leaves_the_other_environments_alone(
     seed: int | list[int | None] | None, server: str
 ) -> None:
-    theirs = gymnasium_vector_env("walker2d", 4, AutoresetMode.NEXT_STEP)
-    with palr_gym.make_vec("walker2d", 4, server=server) as ours:
+    theirs = gymnasium_vector_env("walker2d-gym5", 4, AutoresetMode.NEXT_STEP)
+    with palr_gym.make_vec("walker2d-gym5", 4, server=server) as ours:
         ours.reset(seed=2)
         theirs.reset(seed=2)
         masks = 0
@@ -224,6 +237,7 @@ def test_a_partial_reset_leaves_the_other_environments_alone(
                 got = ours.reset(seed=seed, options={"reset_mask": mask})
                 expected = theirs.reset(seed=seed, options={"reset_mask": mask.copy()})
                 assert_same_bits(got[0], expected[0], f"reset after step {step}")
+                assert_same_infos(got[1], expected[1], f"reset after step {step}")
         assert masks > 5
 
 

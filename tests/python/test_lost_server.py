@@ -7,9 +7,11 @@ import threading
 import time
 from collections.abc import Generator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 import palr_gym
 from palr_gym import Client, errors
@@ -281,7 +283,7 @@ def test_a_server_is_reached_over_a_unix_socket(tmp_path: Path) -> None:
     with running_server("--unix", str(path)) as server:
         assert server.ready["unix"] == str(path)
         actions = random_actions(0, 40, 3, 3)
-        rollouts: list[list[np.ndarray[tuple[int, ...], np.dtype[np.float64]]]] = []
+        rollouts: list[list[NDArray[np.floating[Any]]]] = []
         for address in (server.address, f"unix:{path}"):
             with palr_gym.make_vec("hopper", 3, server=address) as envs:
                 first = envs.reset(seed=0)[0]

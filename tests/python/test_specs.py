@@ -9,7 +9,7 @@ import pytest
 
 import palr_gym
 from palr_gym import Client
-from support.reference import GYMNASIUM_IDS, MASKS, TASKS, gymnasium_env
+from support.reference import GYM5_IDS, GYMNASIUM_IDS, MASKS, PROFILES, TASKS, gymnasium_env
 from support.server_process import ROOT
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*is out of date:DeprecationWarning")
@@ -39,6 +39,12 @@ def test_every_task_is_listed_with_its_facts(client: Client) -> None:
     for name, task in tasks.items():
         facts = FACTS[name]
         assert task.equals.endswith(GYMNASIUM_IDS[name])
+        profiles = {profile.name: profile for profile in task.fidelity_profiles}
+        assert list(profiles) == ["gym4", "gym5"]
+        assert profiles["gym4"].equals == task.equals
+        assert profiles["gym4"].full_observation_size == facts.observation_size
+        assert profiles["gym5"].equals.endswith(GYM5_IDS[f"{name}-gym5"])
+        assert (profiles["gym4"].id_suffix, profiles["gym5"].id_suffix) == ("", "-gym5")
         assert task.description
         assert task.full_observation_size == facts.observation_size
         assert task.action_size == facts.action_size
@@ -70,6 +76,8 @@ def test_experts_are_the_files_that_ship(task: str, client: Client) -> None:
         ("{}-paper", "{}-w1-v0", "paper", 1),
         ("{}-strict-w3-v0", "{}-strict-w3-v0", "strict", 3),
         ("{}-full-w64", "{}-full-w64-v0", "full", 64),
+        ("{}-gym5-w2", "{}-gym5-w2-v0", "paper", 2),
+        ("{}-strict-gym5", "{}-strict-gym5-w1-v0", "strict", 1),
     ],
 )
 @pytest.mark.parametrize("task", TASKS)
@@ -102,19 +110,24 @@ def test_a_spec_resolves_an_id(
         assert older == tuple(f"{name}[t-{age}]" for name in newest)
 
 
-@pytest.mark.parametrize("task", TASKS)
-def test_spaces_hold_what_gymnasiums_spaces_hold(task: str, client: Client) -> None:
-    spec = client.spec(task)
-    theirs = gymnasium_env(task)
+@pytest.mark.parametrize("profile", PROFILES)
+def test_spaces_hold_what_gymnasiums_spaces_hold(profile: str, client: Client) -> None:
+    spec = client.spec(profile)
+    task = spec.task
+    assert spec.fidelity == ("gym5" if profile.endswith("-gym5") else "gym4")
+    assert spec.equals.endswith((GYMNASIUM_IDS | GYM5_IDS)[profile])
+    theirs = gymnasium_env(profile)
     assert spec.action_space == theirs.action_space
     assert spec.observation_space.dtype == theirs.observation_space.dtype
     assert spec.observation_space.shape == theirs.observation_space.shape
-    theirs.reset(seed=0)
+    assert sorted(spec.reset_info_names) == sorted(theirs.reset(seed=0)[1])
     info = theirs.step(np.zeros(FACTS[task].action_size, dtype=np.float32))[4]
     assert sorted(spec.info_names) == sorted(info)
-    # Gymnasium bounds nothing in the space, but clips these two tasks' velocities in fact.
+    # Gymnasium bounds nothing in the space, but clips these two tasks' velocities in fact, and
+    # contact forces.
     is_velocity = np.array(["qvel" in name for name in spec.observation_names])
     bound = np.where(is_velocity & (task in ("hopper", "walker2d")), 10.0, np.inf)
+    bound[["cfrc_ext" in name for name in spec.observation_names]] = 1.0
     np.testing.assert_array_equal(spec.observation_space.high, bound)
     np.testing.assert_array_equal(spec.observation_space.low, -bound)
 

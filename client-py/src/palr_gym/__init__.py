@@ -13,7 +13,7 @@ Importing this package registers the environments with Gymnasium. It opens no co
 from palr_gym._version import __version__
 from palr_gym.client import DEFAULT_SERVER, SERVER_VARIABLE, Client
 from palr_gym.collection import Dataset, collect
-from palr_gym.env import RemoteEnv
+from palr_gym.env import OpenLoop, RemoteEnv
 from palr_gym.errors import (
     Cancelled,
     DeadlineExceeded,
@@ -30,16 +30,17 @@ from palr_gym.errors import (
 from palr_gym.evaluation import EpisodeResult, Evaluation, evaluate
 from palr_gym.leakage import Hscic, hscic
 from palr_gym.registration import make, make_vec, register_envs
-from palr_gym.session import Session, StepResult
+from palr_gym.session import DivergedEpisode, ResetResult, RestoredState, Session, StepResult
 from palr_gym.specs import (
     EnvironmentSpec,
     Expert,
+    FidelityProfile,
     ReferenceReturns,
     ServerInfo,
     ServerLimits,
     Task,
 )
-from palr_gym.vector import RemoteVectorEnv
+from palr_gym.vector import RemoteVectorEnv, VectorOpenLoop
 
 __all__ = [
     "DEFAULT_SERVER",
@@ -48,20 +49,25 @@ __all__ = [
     "Client",
     "Dataset",
     "DeadlineExceeded",
+    "DivergedEpisode",
     "EnvironmentSpec",
     "EpisodeResult",
     "Evaluation",
     "Expert",
     "FailedPrecondition",
+    "FidelityProfile",
     "Hscic",
     "InvalidArgument",
     "NotFound",
+    "OpenLoop",
     "PalrGymError",
     "ReferenceReturns",
     "RemoteEnv",
     "RemoteVectorEnv",
     "ResetNeeded",
+    "ResetResult",
     "ResourceExhausted",
+    "RestoredState",
     "ServerError",
     "ServerInfo",
     "ServerLimits",
@@ -70,6 +76,7 @@ __all__ = [
     "StepResult",
     "Task",
     "Unimplemented",
+    "VectorOpenLoop",
     "__version__",
     "collect",
     "evaluate",

@@ -23,7 +23,7 @@ from palr_gym.evaluation import (
     run_evaluation,
 )
 from palr_gym.policies import PolicySource
-from palr_gym.session import OutOfBounds, Session
+from palr_gym.session import ObservationDtype, OutOfBounds, RestoredState, Session
 
 __all__ = ["DEFAULT_SERVER", "SERVER_VARIABLE", "Client"]
 
@@ -97,6 +97,7 @@ class Client:
         num_envs: SupportsIndex = 1,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         out_of_bounds: OutOfBounds = "reject",
+        observation_dtype: ObservationDtype = "float64",
     ) -> Session:
         """Opens environments to step; `RemoteEnv` and `RemoteVectorEnv` give them Gymnasium's face.
 
@@ -105,6 +106,7 @@ class Client:
             num_envs: How many.
             autoreset_mode: What happens to an environment whose episode has ended.
             out_of_bounds: What happens to an action outside the action space.
+            observation_dtype: Element type of observations on the wire and in arrays.
         """
         return Session(
             self._connection,
@@ -112,7 +114,16 @@ class Client:
             num_envs=num_envs,
             autoreset_mode=autoreset_mode,
             out_of_bounds=out_of_bounds,
+            observation_dtype=observation_dtype,
         )
+
+    def open_snapshot(self, snapshot: bytes) -> tuple[Session, RestoredState]:
+        """Opens a session in the state of a snapshot, which may come from another server.
+
+        Args:
+            snapshot: From `snapshot` of a session or environment.
+        """
+        return Session.from_snapshot(self._connection, snapshot)
 
     def evaluate(
         self,

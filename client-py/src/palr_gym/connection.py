@@ -18,6 +18,7 @@ from palr_gym._proto.palr_gym.v1 import (
     evaluation_service_pb2,
     leakage_service_pb2,
     server_service_pb2,
+    snapshot_service_pb2,
 )
 from palr_gym.address import parse_address
 from palr_gym.arguments import seconds
@@ -103,6 +104,30 @@ STEP_STREAM = _method(
     "StepStream",
     _environments.StepStreamRequest,
     _environments.StepStreamResponse,
+)
+TAKE_SNAPSHOT = _method(
+    "SnapshotService",
+    "TakeSnapshot",
+    snapshot_service_pb2.TakeSnapshotRequest,
+    snapshot_service_pb2.TakeSnapshotResponse,
+)
+RESTORE_SNAPSHOT = _method(
+    "SnapshotService",
+    "RestoreSnapshot",
+    snapshot_service_pb2.RestoreSnapshotRequest,
+    snapshot_service_pb2.RestoreSnapshotResponse,
+)
+OPEN_SNAPSHOT = _method(
+    "SnapshotService",
+    "OpenSnapshot",
+    snapshot_service_pb2.OpenSnapshotRequest,
+    snapshot_service_pb2.OpenSnapshotResponse,
+)
+FORK_SESSION = _method(
+    "SnapshotService",
+    "ForkSession",
+    snapshot_service_pb2.ForkSessionRequest,
+    snapshot_service_pb2.ForkSessionResponse,
 )
 EVALUATE = _method(
     "EvaluationService",

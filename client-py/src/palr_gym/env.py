@@ -1,6 +1,8 @@
 """One remote environment with Gymnasium's interface."""
 
-from typing import Any, cast
+import contextlib
+from collections.abc import Callable
+from typing import Any, NamedTuple, Self, cast
 
 import gymnasium
 import numpy as np
@@ -13,20 +15,36 @@ from palr_gym.address import server_or_default
 from palr_gym.arguments import unsigned
 from palr_gym.connection import DEFAULT_DEADLINE_S, Connection
 from palr_gym.errors import InvalidArgument, ResetNeeded
-from palr_gym.session import OutOfBounds, Session
+from palr_gym.session import ObservationDtype, OutOfBounds, RestoredState, Session
 from palr_gym.specs import EnvironmentSpec
 
 
-class RemoteEnv(gymnasium.Env[NDArray[np.float64], NDArray[np.float32]]):
+class OpenLoop(NamedTuple):
+    """What k steps of one environment returned. Every array is the caller's own."""
+
+    observations: NDArray[np.floating[Any]]
+    """[k, observation size]"""
+    rewards: NDArray[np.float64]
+    """[k]"""
+    terminated: NDArray[np.bool_]
+    """[k]: true in the last place at most."""
+    truncated: NDArray[np.bool_]
+    """[k]: true in the last place at most."""
+    infos: list[dict[str, Any]]
+    """One for each step."""
+
+
+class RemoteEnv(gymnasium.Env[NDArray[np.floating[Any]], NDArray[np.float32]]):
     """An environment that a palr-gym server runs.
 
     `reset(seed=...)` seeds the server's generator exactly as it seeds Gymnasium's own environment;
     without a seed that generator goes on. The server has its own: `np_random` is seeded along with
     it, but draws from it change nothing.
 
-    Observations are float64 arrays of the caller's own. Actions are converted to float32. The
-    infos of `step` are Python floats by the names in `remote_spec.info_names`; those of `reset`
-    are empty.
+    Observations are arrays of the caller's own. Actions are converted to float32. The infos of
+    `step` are Python floats by the names in `remote_spec.info_names`; those of `reset` by the names
+    in `remote_spec.reset_info_names` (none, but for `-gym5`). If the simulation diverges, the
+    episode is truncated, and `info["truncation_reason"]` says why.
 
     Attributes:
         remote_spec: The environment as the server describes it.
@@ -38,6 +56,7 @@ class RemoteEnv(gymnasium.Env[NDArray[np.float64], NDArray[np.float32]]):
         *,
         server: str | None = None,
         out_of_bounds: OutOfBounds = "reject",
+        observation_dtype: ObservationDtype = "float64",
         deadline_s: float = DEFAULT_DEADLINE_S,
         render_mode: str | None = None,
     ) -> None:
@@ -48,6 +67,7 @@ class RemoteEnv(gymnasium.Env[NDArray[np.float64], NDArray[np.float32]]):
             server: `host:port` or `unix:/path`; None: $PALR_GYM_SERVER, else localhost:7257.
             out_of_bounds: What happens to an action outside the action space: "reject", "clip",
                 or "raw" (used as it is, as Gymnasium does).
+            observation_dtype: Element type of observations; the server simulates in float64.
             deadline_s: Seconds that a call waits for its answer.
             render_mode: Only None: this server renders nothing.
 
@@ -63,10 +83,55 @@ class RemoteEnv(gymnasium.Env[NDArray[np.float64], NDArray[np.float32]]):
                 env_id,
                 autoreset_mode=AutoresetMode.DISABLED,
                 out_of_bounds=out_of_bounds,
+                observation_dtype=observation_dtype,
             )
         except BaseException:
             self._connection.close()
             raise
+        self._become_ready()
+
+    @classmethod
+    def from_snapshot(
+        cls,
+        snapshot: bytes,
+        *,
+        server: str | None = None,
+        deadline_s: float = DEFAULT_DEADLINE_S,
+    ) -> Self:
+        """An environment in the state of a snapshot, which may come from another server.
+
+        Args:
+            snapshot: From `snapshot` of an environment like this.
+            server: As for a new environment.
+            deadline_s: As for a new environment.
+
+        Raises:
+            PalrGymError: The kind that fits; `InvalidArgument` for a snapshot of a vector too.
+        """
+        connection = Connection(server_or_default(server), deadline_s)
+        return cls._around(connection, lambda: Session.from_snapshot(connection, snapshot))
+
+    @classmethod
+    def _around(
+        cls, connection: Connection, open_session: Callable[[], tuple[Session, RestoredState]]
+    ) -> Self:
+        """An environment around a session that stands somewhere already."""
+        try:
+            session, state = open_session()
+            refuse_unless_single(session)
+        except BaseException:
+            connection.close()
+            raise
+        env = cls.__new__(cls)
+        env.render_mode = None
+        env._connection = connection
+        env._session = session
+        env._become_ready()
+        env._stand(state)
+        return env
+
+    def _become_ready(self) -> None:
+        """Sets everything that follows from the session."""
         self.remote_spec: EnvironmentSpec = self._session.spec
         self.observation_space = self.remote_spec.observation_space
         self.action_space = self.remote_spec.action_space
@@ -75,7 +140,7 @@ class RemoteEnv(gymnasium.Env[NDArray[np.float64], NDArray[np.float32]]):
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[NDArray[np.float64], dict[str, Any]]:
+    ) -> tuple[NDArray[np.floating[Any]], dict[str, Any]]:
         """Starts an episode.
 
         Args:
@@ -83,7 +148,7 @@ class RemoteEnv(gymnasium.Env[NDArray[np.float64], NDArray[np.float32]]):
             options: Ignored, as by Gymnasium's own environments.
 
         Returns:
-            The observation, shape (observation size,), and an empty info.
+            The observation, shape (observation size,), and the info.
 
         Raises:
             PalrGymError: The kind that fits.
@@ -91,17 +156,18 @@ class RemoteEnv(gymnasium.Env[NDArray[np.float64], NDArray[np.float32]]):
         self._refuse_if_closed("reset")
         seed = None if seed is None else unsigned("seed", seed, 64)
         try:
-            observations = self._session.reset(seeds=() if seed is None else (seed,))
+            result = self._session.reset_with_info(seeds=() if seed is None else (seed,))
         except BaseException as error:
             self._note_failure(error)
             raise
         self._is_playing = True
         super().reset(seed=seed)
-        return observations[0], {}
+        names = self.remote_spec.reset_info_names
+        return result.observations[0], dict(zip(names, result.info[:, 0].tolist(), strict=True))
 
     def step(
         self, action: ArrayLike
-    ) -> tuple[NDArray[np.float64], float, bool, bool, dict[str, Any]]:
+    ) -> tuple[NDArray[np.floating[Any]], float, bool, bool, dict[str, Any]]:
         """Steps the environment.
 
         Args:
@@ -114,12 +180,7 @@ class RemoteEnv(gymnasium.Env[NDArray[np.float64], NDArray[np.float32]]):
             ResetNeeded: There is no episode, it has ended, or an earlier step got no answer.
             PalrGymError: The kind that fits.
         """
-        if not self._is_playing:
-            self._refuse_if_closed("step")
-            raise ResetNeeded(
-                f"{self.remote_spec.env_id}: no episode is under way (it ended, never began, or a "
-                "call got no answer); call reset() before step()"
-            )
+        self._refuse_unless_playing("step")
         try:
             result = self._session.step(cast("ArrayLike", [action]))
         except BaseException as error:
@@ -128,8 +189,94 @@ class RemoteEnv(gymnasium.Env[NDArray[np.float64], NDArray[np.float32]]):
         terminated = bool(result.terminated[0])
         truncated = bool(result.truncated[0])
         self._is_playing = not (terminated or truncated)
-        info = dict(zip(self.remote_spec.info_names, result.info[:, 0].tolist(), strict=True))
+        info: dict[str, Any] = dict(
+            zip(self.remote_spec.info_names, result.info[:, 0].tolist(), strict=True)
+        )
+        for diverged in result.diverged:
+            info["truncation_reason"] = diverged.reason
         return result.observations[0], float(result.rewards[0]), terminated, truncated, info
+
+    def step_open_loop(self, actions: ArrayLike) -> OpenLoop:
+        """Takes up to K steps in one message, as K calls of `step` would, with one round trip.
+
+        The step that ends the episode is the last one that is taken.
+
+        Args:
+            actions: Shape (K, action size).
+
+        Returns:
+            What the k steps returned, k <= K.
+
+        Raises:
+            ResetNeeded: As by `step`.
+            PalrGymError: The kind that fits; if the server refused, no step was taken.
+        """
+        self._refuse_unless_playing("step_open_loop")
+        try:
+            rows = np.asarray(actions, dtype=np.float32)
+            result = self._session.step_open_loop(rows[:, None] if rows.ndim == 2 else rows)
+        except BaseException as error:
+            self._note_failure(error)
+            raise
+        self._is_playing = not bool(result.terminated[-1, 0] or result.truncated[-1, 0])
+        infos: list[dict[str, Any]] = [
+            dict(zip(self.remote_spec.info_names, row, strict=True))
+            for row in result.info[:, :, 0].T.tolist()
+        ]
+        for diverged in result.diverged:
+            infos[diverged.step]["truncation_reason"] = diverged.reason
+        return OpenLoop(
+            result.observations[:, 0],
+            result.rewards[:, 0],
+            result.terminated[:, 0],
+            result.truncated[:, 0],
+            infos,
+        )
+
+    def snapshot(self) -> bytes:
+        """Everything that decides what comes next, for `restore` and `from_snapshot`.
+
+        Raises:
+            PalrGymError: The kind that fits.
+        """
+        self._refuse_if_closed("snapshot")
+        return self._session.snapshot()
+
+    def restore(self, snapshot: bytes) -> NDArray[np.floating[Any]]:
+        """Goes on from a snapshot of this environment or one of its kind.
+
+        If the server has forgotten this environment (it was restarted, say), another one takes its
+        place there, so that a program can go on after a crash of its server.
+
+        Returns:
+            The observation, shape (observation size,).
+
+        Raises:
+            PalrGymError: The kind that fits; after `InvalidArgument` nothing has changed.
+        """
+        self._refuse_if_closed("restore")
+        try:
+            self._connection, self._session, state = restore_or_reopen(
+                self._connection, self._session, snapshot
+            )
+        except BaseException as error:
+            self._note_failure(error)
+            raise
+        return self._stand(state)
+
+    def fork(self) -> Self:
+        """A second environment that goes on from where this one stands, with the same generator.
+
+        Raises:
+            PalrGymError: The kind that fits.
+        """
+        self._refuse_if_closed("fork")
+        connection = Connection(self._connection.server, self._connection.deadline_s)
+        return self._around(connection, lambda: self._session.fork(connection))
+
+    def _stand(self, state: RestoredState) -> NDArray[np.floating[Any]]:
+        self._is_playing = state.was_reset and not bool(state.is_over[0])
+        return state.observations[0]
 
     def close(self) -> None:
         """Closes the session, if the server is still there. May be repeated."""
@@ -147,6 +294,14 @@ class RemoteEnv(gymnasium.Env[NDArray[np.float64], NDArray[np.float32]]):
             self._is_playing = False
             self._session.abandon_steps()
 
+    def _refuse_unless_playing(self, what: str) -> None:
+        if not self._is_playing:
+            self._refuse_if_closed(what)
+            raise ResetNeeded(
+                f"{self.remote_spec.env_id}: no episode is under way (it ended, never began, or a "
+                f"call got no answer); call reset() before {what}()"
+            )
+
     def _refuse_if_closed(self, what: str) -> None:
         if self._is_closed:
             raise ClosedEnvironmentError(f"{what}() of {self.remote_spec.env_id} after close()")
@@ -156,3 +311,52 @@ def refuse_render_mode(render_mode: str | None) -> None:
     """Raises `InvalidArgument` for anything but None."""
     if render_mode is not None:
         raise InvalidArgument(f"render_mode is {render_mode!r}; expected None: nothing is rendered")
+
+
+def refuse_unless_single(session: Session) -> None:
+    """Closes a session of something else than one environment that its caller resets."""
+    if session.num_envs != 1 or session.autoreset_mode is not AutoresetMode.DISABLED:
+        session.close()
+        raise InvalidArgument(
+            f"the snapshot is of {session.num_envs} environment(s) of a RemoteVectorEnv; expected "
+            "one of a RemoteEnv",
+            reason="SNAPSHOT_MISMATCH",
+        )
+
+
+def restore_or_reopen(
+    connection: Connection, session: Session, snapshot: bytes
+) -> tuple[Connection, Session, RestoredState]:
+    """Restores the session, or opens another one like it in its place, on a connection of its own.
+
+    That is done if the server does not know the session any more; and if requests of it got no
+    answer, because they might still arrive after the snapshot.
+    """
+    session.abandon_steps()
+    if not session.has_lost_requests:
+        with contextlib.suppress(errors.NotFound):
+            return connection, session, session.restore(snapshot)
+    # A channel that has lost its server looks for it again only after a while; a new one at once.
+    fresh = Connection(connection.server, connection.deadline_s)
+    try:
+        reopened, state = Session.from_snapshot(fresh, snapshot)
+        _refuse_unless_alike(reopened, session)
+    except BaseException:
+        fresh.close()
+        raise
+    session.close()
+    connection.close()
+    return fresh, reopened, state
+
+
+def _refuse_unless_alike(reopened: Session, session: Session) -> None:
+    """Closes `reopened` if it cannot take the place of `session`."""
+    theirs = (reopened.spec.env_id, reopened.num_envs, reopened.autoreset_mode)
+    ours = (session.spec.env_id, session.num_envs, session.autoreset_mode)
+    if theirs != ours or reopened.spec.observation_space != session.spec.observation_space:
+        reopened.close()
+        raise InvalidArgument(
+            f"the snapshot is of {theirs[1]} environment(s) of {theirs[0]} ({theirs[2].value}); "
+            f"expected {ours[1]} of {ours[0]} ({ours[2].value})",
+            reason="SNAPSHOT_MISMATCH",
+        )

@@ -31,6 +31,7 @@ class Exchange:
         self._stream: MessageStream | None = None
         # When to give up waiting for each request that is under way.
         self._deadlines: deque[float] = deque()
+        self.has_lost_requests = False
 
     @property
     def under_way(self) -> int:
@@ -87,6 +88,7 @@ class Exchange:
 
     def close(self) -> None:
         """Ends the stream; requests that are under way get no answer. May be repeated."""
+        self.has_lost_requests |= bool(self._deadlines)
         self._deadlines.clear()
         if self._stream is not None:
             self._stream.close()
@@ -96,6 +98,7 @@ class Exchange:
         return f"{what} {self._subject}"
 
     def _failure(self, error: OSError | DecodeError, what: str) -> errors.PalrGymError:
+        self.has_lost_requests = True
         self.close()
         asked, server = self._asked(what), self._connection.server
         match error:

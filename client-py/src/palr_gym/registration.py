@@ -12,13 +12,17 @@ DEEPEST_REGISTERED_STACK = 5
 
 
 def registered_env_ids() -> list[str]:
-    """The server's ids of the environments that are registered: full, paper's and strict mask."""
+    """The server's ids of the environments that are registered.
+
+    Full, paper's and strict mask, and each task as Gymnasium's `-v5` defines it.
+    """
     stacks = range(1, DEEPEST_REGISTERED_STACK + 1)
     return [
         env_id
         for task in TASKS
         for env_id in (
             task,
+            f"{task}-gym5",
             *(f"{task}-w{frame_stack}" for frame_stack in stacks),
             *(f"{task}-strict-w{frame_stack}" for frame_stack in stacks),
         )

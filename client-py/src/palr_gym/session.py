@@ -13,13 +13,35 @@ from palr_gym._proto.palr_gym.v1 import environment_pb2, tensor_pb2
 from palr_gym._proto.palr_gym.v1.environment_service_pb2 import (
     CloseSessionRequest,
     OpenSessionRequest,
+    OpenSessionResponse,
     ResetRequest,
     StepRequest,
     StepResponse,
     StepStreamRequest,
 )
+from palr_gym._proto.palr_gym.v1.environment_service_pb2 import (
+    DivergedEpisode as DivergedEpisodeMessage,
+)
+from palr_gym._proto.palr_gym.v1.snapshot_service_pb2 import (
+    ForkSessionRequest,
+    OpenSnapshotRequest,
+    RestoreSnapshotRequest,
+    TakeSnapshotRequest,
+)
+from palr_gym._proto.palr_gym.v1.snapshot_service_pb2 import (
+    RestoredState as RestoredStateMessage,
+)
 from palr_gym.arguments import unsigned
-from palr_gym.connection import CLOSE_SESSION, OPEN_SESSION, STEP, Connection
+from palr_gym.connection import (
+    CLOSE_SESSION,
+    FORK_SESSION,
+    OPEN_SESSION,
+    OPEN_SNAPSHOT,
+    RESTORE_SNAPSHOT,
+    STEP,
+    TAKE_SNAPSHOT,
+    Connection,
+)
 from palr_gym.errors import FailedPrecondition, InvalidArgument, PalrGymError, ServerError
 from palr_gym.exchange import Exchange
 from palr_gym.specs import EnvironmentSpec, environment_spec
@@ -29,6 +51,13 @@ OutOfBounds = Literal["reject", "clip", "raw"]
 """What happens to an action outside the action space: the step is refused, the action is clipped
 to the bounds, or it is used as it is (as Gymnasium does)."""
 
+ObservationDtype = Literal["float64", "float32"]
+"""Element type of observations on the wire and in arrays; the server simulates in float64."""
+
+_OBSERVATION_DTYPES = {
+    "float64": tensor_pb2.DATA_TYPE_FLOAT64,
+    "float32": tensor_pb2.DATA_TYPE_FLOAT32,
+}
 _OUT_OF_BOUNDS = {
     "reject": environment_pb2.OUT_OF_BOUNDS_REJECT,
     "clip": environment_pb2.OUT_OF_BOUNDS_CLIP,
@@ -39,14 +68,51 @@ _AUTORESET_MODES = {
     AutoresetMode.SAME_STEP: environment_pb2.AUTORESET_MODE_SAME_STEP,
     AutoresetMode.DISABLED: environment_pb2.AUTORESET_MODE_DISABLED,
 }
+# Requests of this size may be beyond what a server reads.
+_MAX_STREAMED_BYTES = 1 << 20
 # A server that is gone must not keep a program from ending.
 _CLOSE_TIMEOUT_S = 2.0
 
 
-class StepResult(NamedTuple):
-    """What a step of N environments returned. Every array is the caller's own."""
+class DivergedEpisode(NamedTuple):
+    """An episode that was truncated because the simulation is no longer one of the task."""
 
-    observations: NDArray[np.float64]
+    step: int
+    """In which step of an open loop; else 0."""
+    env_index: int
+    reason: str
+    """Such as "bad_control" or "not_finite": the words of the protocol's `Divergence`."""
+
+
+class ResetResult(NamedTuple):
+    """What a reset of N environments returned. Every array is the caller's own."""
+
+    observations: NDArray[np.floating[Any]]
+    """[N, observation size]"""
+    info: NDArray[np.float64]
+    """[reset info names, N]: rows as in `EnvironmentSpec.reset_info_names`. NaN for environments
+    that were not reset."""
+
+
+class RestoredState(NamedTuple):
+    """Where the environments of a restored session stand."""
+
+    observations: NDArray[np.floating[Any]]
+    """[N, observation size]"""
+    is_over: NDArray[np.bool_]
+    """[N]: the episode has ended; the next step resets (NEXT_STEP), or the caller has to."""
+    was_reset: bool
+    """False: there was no reset yet."""
+
+
+class StepResult(NamedTuple):
+    """What a step of N environments returned. Every array is the caller's own.
+
+    After an open loop of K steps every array but the last two has a first dimension K (`info` a
+    second one).
+    """
+
+    observations: NDArray[np.floating[Any]]
     """[N, observation size]"""
     rewards: NDArray[np.float64]
     """[N]"""
@@ -55,11 +121,15 @@ class StepResult(NamedTuple):
     truncated: NDArray[np.bool_]
     """[N]: the time limit ended the episode."""
     info: NDArray[np.float64]
-    """[info names, N]: rows as in `EnvironmentSpec.info_names`. NaN for environments that this
-    step reset (NEXT_STEP)."""
-    final_observations: NDArray[np.float64] | None
-    """[episodes that ended, observation size], in the order of the environments; None if no
+    """[info names, N]: rows as in `EnvironmentSpec.info_names`. NaN for environments that diverged,
+    and for those that this step reset (NEXT_STEP) but for what a reset reports."""
+    final_observations: NDArray[np.floating[Any]] | None
+    """[episodes that ended, observation size], in the order of steps and environments; None if no
     episode ended, or the mode is not SAME_STEP."""
+    reset_info: NDArray[np.float64] | None
+    """[reset info names, episodes that ended]: what the resets of SAME_STEP reported."""
+    diverged: tuple[DivergedEpisode, ...]
+    """Hardly ever any. Their last reward is 0, their last observation that of the step before."""
 
 
 class Session:
@@ -77,6 +147,7 @@ class Session:
         num_envs: SupportsIndex = 1,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         out_of_bounds: OutOfBounds = "reject",
+        observation_dtype: ObservationDtype = "float64",
     ) -> None:
         """Opens the session.
 
@@ -86,30 +157,73 @@ class Session:
             num_envs: N.
             autoreset_mode: What happens to an environment whose episode has ended.
             out_of_bounds: What happens to an action outside the action space.
+            observation_dtype: Element type of observations on the wire and in arrays.
 
         Raises:
             PalrGymError: The kind that fits.
         """
-        self.autoreset_mode = _parse_autoreset_mode(autoreset_mode)
+        mode = _parse_autoreset_mode(autoreset_mode)
         if out_of_bounds not in _OUT_OF_BOUNDS:
             raise InvalidArgument(
                 f"out_of_bounds is {out_of_bounds!r}; expected one of {get_args(OutOfBounds)}"
+            )
+        if observation_dtype not in _OBSERVATION_DTYPES:
+            raise InvalidArgument(
+                f"observation_dtype is {observation_dtype!r}; expected one of "
+                f"{get_args(ObservationDtype)}"
             )
         response = connection.unary(
             OPEN_SESSION,
             OpenSessionRequest(
                 env_id=env_id,
                 num_envs=unsigned("num_envs", num_envs, 32),
-                autoreset_mode=_AUTORESET_MODES[self.autoreset_mode],
+                autoreset_mode=_AUTORESET_MODES[mode],
                 out_of_bounds=_OUT_OF_BOUNDS[out_of_bounds],
+                observation_dtype=_OBSERVATION_DTYPES[observation_dtype],
             ),
             asked=f"opening {num_envs} environment(s) of {env_id}",
         )
+        self._attach(connection, response, mode)
+
+    @classmethod
+    def from_snapshot(
+        cls, connection: Connection, snapshot: bytes
+    ) -> "tuple[Session, RestoredState]":
+        """Opens a session in the state of a snapshot, which may come from another server.
+
+        Args:
+            connection: To the server.
+            snapshot: From `snapshot`.
+
+        Raises:
+            PalrGymError: The kind that fits.
+        """
+        response = connection.unary(
+            OPEN_SNAPSHOT,
+            OpenSnapshotRequest(snapshot=snapshot),
+            asked=f"opening a session from a snapshot of {len(snapshot)} bytes",
+        )
+        session = cls.__new__(cls)
+        return session, session._attach_restored(connection, response.session, response.state)
+
+    def _attach_restored(
+        self, connection: Connection, response: OpenSessionResponse, state: RestoredStateMessage
+    ) -> RestoredState:
+        modes = {number: mode for mode, number in _AUTORESET_MODES.items()}
+        self._attach(connection, response, modes[state.autoreset_mode])
+        return self._restored(state)
+
+    def _attach(
+        self, connection: Connection, response: OpenSessionResponse, autoreset_mode: AutoresetMode
+    ) -> None:
+        """Becomes the session that was opened."""
+        self.autoreset_mode = autoreset_mode
         self.session_id: str = response.session_id
         self.spec: EnvironmentSpec = environment_spec(response.spec)
         self.num_envs: int = response.num_envs
         self.idle_limit_s: int = response.idle_limit_s
         self._connection = connection
+        self._observation_dtype = np.dtype(self.spec.observation_space.dtype or np.float64)
         self._observations_shape = (self.num_envs, *self.spec.observation_space.shape)
         self._actions_shape = (self.num_envs, *self.spec.action_space.shape)
         self._info_shape = (self.num_envs, len(self.spec.info_names))
@@ -125,7 +239,7 @@ class Session:
         *,
         seeds: Sequence[SupportsIndex] = (),
         env_indices: Sequence[int] | NDArray[np.integer[Any]] = (),
-    ) -> NDArray[np.float64]:
+    ) -> NDArray[np.floating[Any]]:
         """Starts new episodes.
 
         Args:
@@ -139,8 +253,16 @@ class Session:
         Raises:
             PalrGymError: The kind that fits.
         """
-        if self._exchange.under_way:
-            raise FailedPrecondition(f"resetting {self._subject} before step_wait()")
+        return self.reset_with_info(seeds=seeds, env_indices=env_indices).observations
+
+    def reset_with_info(
+        self,
+        *,
+        seeds: Sequence[SupportsIndex] = (),
+        env_indices: Sequence[int] | NDArray[np.integer[Any]] = (),
+    ) -> ResetResult:
+        """Like `reset`, and says what the resets report."""
+        self._refuse_if_under_way("resetting")
         request = StepStreamRequest(
             reset=ResetRequest(
                 session_id=self.session_id,
@@ -149,8 +271,12 @@ class Session:
             )
         )
         self._exchange.send(request.SerializeToString(), "resetting")
-        observations = self._exchange.receive("resetting").reset.observations
-        return to_array(observations, FLOAT64, self._observations_shape)
+        answer = self._exchange.receive("resetting").reset
+        shape = (self.num_envs, len(self.spec.reset_info_names))
+        return ResetResult(
+            to_array(answer.observations, self._observation_dtype, self._observations_shape),
+            columns(answer.info.data, FLOAT64, shape),
+        )
 
     def step(self, actions: ArrayLike) -> StepResult:
         """Steps every environment once.
@@ -162,10 +288,87 @@ class Session:
             PalrGymError: The kind that fits. After `InvalidArgument`, `FailedPrecondition` and
                 the like, nothing has changed on the server.
         """
-        if self._exchange.under_way:
-            raise FailedPrecondition(f"stepping {self._subject} before step_wait()")
+        self._refuse_if_under_way("stepping")
         self._exchange.send(self._step_request(actions), "stepping")
         return self._step_result(self._exchange.receive("stepping").step)
+
+    def step_open_loop(self, actions: ArrayLike) -> StepResult:
+        """Takes K steps in one message: the same as K calls of `step`, without their round trips.
+
+        With DISABLED, the first step that ends an episode is the last one that is taken.
+
+        Args:
+            actions: [K, N, action size], converted to float32; K as `ServerLimits` allows.
+
+        Returns:
+            As by `step`, with a first dimension K in every array.
+
+        Raises:
+            PalrGymError: As by `step`; if the server refused, no step was taken.
+        """
+        self._refuse_if_under_way("stepping")
+        array = self._float32(actions)
+        if array.ndim != 3 or array.shape[1:] != self._actions_shape:
+            raise InvalidArgument(
+                f"stepping {self._subject} in an open loop: the actions have shape "
+                f"{list(array.shape)}; expected [K, {', '.join(map(str, self._actions_shape))}]",
+                reason="ACTION_SHAPE",
+            )
+        request = StepRequest(session_id=self.session_id, actions=float32_tensor(array))
+        if array.nbytes >= _MAX_STREAMED_BYTES:
+            # A stream would end over a request that is too large; a call is only refused.
+            answer = self._connection.unary(STEP, request, asked=f"stepping {self._subject}")
+            return self._step_result(answer, answer.rewards.shape[0])
+        message = StepStreamRequest(step=request).SerializeToString()
+        self._exchange.send(message, "stepping")
+        answer = self._exchange.receive("stepping").step
+        return self._step_result(answer, answer.rewards.shape[0])
+
+    def snapshot(self) -> bytes:
+        """Everything that decides what comes next, for `restore` and `from_snapshot`.
+
+        Raises:
+            PalrGymError: The kind that fits.
+        """
+        self._refuse_if_under_way("taking a snapshot of")
+        return self._connection.unary(
+            TAKE_SNAPSHOT,
+            TakeSnapshotRequest(session_id=self.session_id),
+            asked=f"taking a snapshot of {self._subject}",
+        ).snapshot
+
+    def restore(self, snapshot: bytes) -> RestoredState:
+        """Puts the session into the state of a snapshot of its like.
+
+        Raises:
+            PalrGymError: The kind that fits; after `InvalidArgument` nothing has changed.
+        """
+        self._refuse_if_under_way("restoring")
+        response = self._connection.unary(
+            RESTORE_SNAPSHOT,
+            RestoreSnapshotRequest(session_id=self.session_id, snapshot=snapshot),
+            asked=f"restoring {self._subject}",
+        )
+        return self._restored(response.state)
+
+    def fork(self, connection: Connection | None = None) -> "tuple[Session, RestoredState]":
+        """A new session that goes on from where this one stands; both then go their own ways.
+
+        Args:
+            connection: What the new session uses; None: the same connection.
+
+        Raises:
+            PalrGymError: The kind that fits.
+        """
+        self._refuse_if_under_way("forking")
+        connection = connection or self._connection
+        response = connection.unary(
+            FORK_SESSION,
+            ForkSessionRequest(session_id=self.session_id),
+            asked=f"forking {self._subject}",
+        )
+        session = type(self).__new__(type(self))
+        return session, session._attach_restored(connection, response.session, response.state)
 
     def step_async(self, actions: ArrayLike) -> None:
         """Sends a step, and does not wait. Several may be under way; the deadline runs at once."""
@@ -174,6 +377,11 @@ class Session:
     def step_wait(self) -> StepResult:
         """Waits for the oldest step that was sent; otherwise like `step`."""
         return self._step_result(self._exchange.receive("stepping").step)
+
+    @property
+    def has_lost_requests(self) -> bool:
+        """Whether there were requests that got no answer: they may reach the server later."""
+        return self._exchange.has_lost_requests
 
     def abandon_steps(self) -> None:
         """Gives up the answers to steps that are under way; the server still takes the steps."""
@@ -206,14 +414,29 @@ class Session:
         request = StepStreamRequest(step=step).SerializeToString()
         return request[: len(request) - len(data)]
 
-    def _step_request(self, actions: ArrayLike) -> bytes:
+    def _refuse_if_under_way(self, what: str) -> None:
+        if self._exchange.under_way:
+            raise FailedPrecondition(f"{what} {self._subject} before step_wait()")
+
+    def _restored(self, state: RestoredStateMessage) -> RestoredState:
+        shape = self._observations_shape
+        return RestoredState(
+            to_array(state.observations, self._observation_dtype, shape),
+            to_array(state.is_over, BOOL, shape[:1]),
+            state.was_reset,
+        )
+
+    def _float32(self, actions: ArrayLike) -> NDArray[np.float32]:
         try:
-            array = np.asarray(actions, dtype=FLOAT32)
+            return np.asarray(actions, dtype=FLOAT32)
         except (TypeError, ValueError) as error:
             raise InvalidArgument(
                 f"stepping {self._subject}: the actions are no array of numbers of shape "
                 f"{list(self._actions_shape)} ({error})"
             ) from None
+
+    def _step_request(self, actions: ArrayLike) -> bytes:
+        array = self._float32(actions)
         if array.shape == self._actions_shape:
             return self._step_head + array.tobytes()
         # The server says what is wrong. By another way: a stream would end over a request that is
@@ -228,20 +451,38 @@ class Session:
             f"expected {list(self._actions_shape)}"
         )
 
-    def _step_result(self, message: StepResponse) -> StepResult:
-        num_envs = (self.num_envs,)
-        final_observations = None
+    def _step_result(self, message: StepResponse, steps: int | None = None) -> StepResult:
+        """The arrays of an answer to a step, or to `steps` steps of an open loop."""
+        first = () if steps is None else (steps,)
+        rows = (*first, self.num_envs)
+        dtype = self._observation_dtype
+        final_observations = reset_info = None
         if message.HasField("final_observations"):
             shape = (-1, *self._observations_shape[1:])
-            final_observations = to_array(message.final_observations, FLOAT64, shape)
+            final_observations = to_array(message.final_observations, dtype, shape)
+            if message.HasField("reset_info"):
+                shape = (len(final_observations), len(self.spec.reset_info_names))
+                reset_info = columns(message.reset_info.data, FLOAT64, shape)
         return StepResult(
-            elements(message.observations.data, FLOAT64, self._observations_shape),
-            elements(message.rewards.data, FLOAT64, num_envs),
-            elements(message.terminated.data, BOOL, num_envs),
-            elements(message.truncated.data, BOOL, num_envs),
-            columns(message.info.data, FLOAT64, self._info_shape),
+            elements(message.observations.data, dtype, (*first, *self._observations_shape)),
+            elements(message.rewards.data, FLOAT64, rows),
+            elements(message.terminated.data, BOOL, rows),
+            elements(message.truncated.data, BOOL, rows),
+            columns(message.info.data, FLOAT64, (*first, *self._info_shape)),
             final_observations,
+            reset_info,
+            tuple(map(_diverged, message.diverged)) if message.diverged else (),
         )
+
+
+def _diverged(message: DivergedEpisodeMessage) -> DivergedEpisode:
+    try:
+        name = environment_pb2.Divergence.Name(message.reason)
+    except ValueError:
+        # A newer server's reason.
+        name = str(int(message.reason))
+    reason = name.removeprefix("DIVERGENCE_").lower()
+    return DivergedEpisode(message.step, message.env_index, reason)
 
 
 def _parse_autoreset_mode(mode: AutoresetMode | str) -> AutoresetMode:

@@ -10,6 +10,7 @@ from palr_gym._proto.palr_gym.v1 import (
     environment_pb2,
     environment_service_pb2,
     server_service_pb2,
+    tensor_pb2,
 )
 
 Real = TypeVar("Real", bound=np.floating[Any])
@@ -29,6 +30,10 @@ class ServerLimits:
     max_episodes_per_request: int
     session_idle_limit_s: int
     """Seconds after which an idle session is closed."""
+    max_answer_bytes: int
+    """Bytes of arrays in the answer to an open loop."""
+    max_open_loop_steps: int
+    max_snapshot_bytes: int
 
 
 @dataclass(frozen=True)
@@ -79,6 +84,21 @@ class Task:
     """Indices into the full observation that the agent sees, by the mask's name."""
     reference_returns: ReferenceReturns
     expert: Expert | None
+    fidelity_profiles: "tuple[FidelityProfile, ...]"
+    """The definitions that are hosted; all else above is said of the first one."""
+
+
+@dataclass(frozen=True)
+class FidelityProfile:
+    """A definition of a task."""
+
+    name: str
+    """Which of Gymnasium's: "gym4" or "gym5"."""
+    id_suffix: str
+    """What stands for it in an environment id, after the mask: "" or "-gym5"."""
+    equals: str
+    """The public environment that it equals."""
+    full_observation_size: int
 
 
 @dataclass(frozen=True)
@@ -92,8 +112,8 @@ class EnvironmentSpec:
     """What the agent sees of the full observation: "full", "paper" or "strict"."""
     frame_stack: int
     """Observations in a stack, oldest first. Steps before the first one are zeros."""
-    observation_space: "Box[np.float64]"
-    """Shape (observation size,), float64."""
+    observation_space: "Box[np.floating[Any]]"
+    """Shape (observation size,); float64, or float32 if the session was opened so."""
     observation_names: tuple[str, ...]
     action_space: "Box[np.float32]"
     """Shape (action size,), float32."""
@@ -108,6 +128,12 @@ class EnvironmentSpec:
     """True if "expert" can be named as a policy."""
     mask_indices: tuple[int, ...]
     """Indices into the full observation that the agent sees."""
+    fidelity: str
+    """Which of Gymnasium's definitions of the task: "gym4" or "gym5"."""
+    equals: str
+    """The public environment that it equals."""
+    reset_info_names: tuple[str, ...]
+    """What a reset reports: the first of `info_names`, or nothing."""
 
 
 def server_info(message: server_service_pb2.GetServerInfoResponse) -> ServerInfo:
@@ -125,6 +151,9 @@ def server_info(message: server_service_pb2.GetServerInfoResponse) -> ServerInfo
             max_policy_bytes=limits.max_policy_bytes,
             max_episodes_per_request=limits.max_episodes_per_request,
             session_idle_limit_s=limits.session_idle_limit_s,
+            max_answer_bytes=limits.max_answer_bytes,
+            max_open_loop_steps=limits.max_open_loop_steps,
+            max_snapshot_bytes=limits.max_snapshot_bytes,
         ),
         simulation_threads=message.simulation_threads,
     )
@@ -142,7 +171,7 @@ def environment_spec(message: environment_pb2.EnvironmentSpec) -> EnvironmentSpe
         task=message.task,
         mask=_mask_name(message.mask),
         frame_stack=message.frame_stack,
-        observation_space=_box(message.observation_space, np.float64),
+        observation_space=_box(message.observation_space, _real(message.observation_space.dtype)),
         observation_names=tuple(message.observation_space.names),
         action_space=_box(message.action_space, np.float32),
         action_names=tuple(message.action_space.names),
@@ -154,6 +183,9 @@ def environment_spec(message: environment_pb2.EnvironmentSpec) -> EnvironmentSpe
         reference_returns=_reference_returns(message.reference_returns),
         has_expert=message.has_expert,
         mask_indices=tuple(message.mask_indices),
+        fidelity=_fidelity_name(message.fidelity),
+        equals=message.equals,
+        reset_info_names=tuple(message.reset_info_names),
     )
 
 
@@ -175,6 +207,15 @@ def _task(message: environment_pb2.Task) -> Task:
         masks={_mask_name(mask.mask): tuple(mask.indices) for mask in message.masks},
         reference_returns=_reference_returns(message.reference_returns),
         expert=expert,
+        fidelity_profiles=tuple(
+            FidelityProfile(
+                name=_fidelity_name(profile.fidelity),
+                id_suffix=profile.id_suffix,
+                equals=profile.equals,
+                full_observation_size=profile.full_observation_size,
+            )
+            for profile in message.fidelity_profiles
+        ),
     )
 
 
@@ -188,6 +229,18 @@ def _mask_name(mask: environment_pb2.Mask) -> str:
     except ValueError:
         # A newer server's mask.
         return str(int(mask))
+
+
+def _fidelity_name(fidelity: environment_pb2.Fidelity) -> str:
+    try:
+        return environment_pb2.Fidelity.Name(fidelity).removeprefix("FIDELITY_").lower()
+    except ValueError:
+        # A newer server's definition.
+        return str(int(fidelity))
+
+
+def _real(dtype: int) -> type[np.floating[Any]]:
+    return np.float32 if dtype == tensor_pb2.DATA_TYPE_FLOAT32 else np.float64
 
 
 def _box(message: environment_pb2.BoxSpace, dtype: type[Real]) -> "Box[Real]":

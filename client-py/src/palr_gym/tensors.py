@@ -70,9 +70,9 @@ def elements(data: bytes, dtype: np.dtype[Any], shape: tuple[int, ...]) -> NDArr
     return _view(data, dtype, shape).copy()
 
 
-def columns(data: bytes, dtype: np.dtype[Any], shape: tuple[int, int]) -> NDArray[Any]:
-    """Like `elements`, transposed: each column of `shape` becomes a contiguous row."""
-    return _view(data, dtype, shape).T.copy()
+def columns(data: bytes, dtype: np.dtype[Any], shape: tuple[int, ...]) -> NDArray[Any]:
+    """Like `elements`, but with the last dimension first: each column becomes contiguous."""
+    return np.moveaxis(_view(data, dtype, shape), -1, 0).copy()
 
 
 def _view(data: bytes, dtype: np.dtype[Any], shape: tuple[int, ...]) -> NDArray[Any]:

@@ -1,7 +1,7 @@
 """Many remote environments with Gymnasium's vector interface."""
 
-from collections.abc import Sequence
-from typing import Any, Self, SupportsIndex, cast
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NamedTuple, Self, SupportsIndex, cast
 
 import gymnasium
 import numpy as np
@@ -14,13 +14,20 @@ from palr_gym import errors
 from palr_gym.address import server_or_default
 from palr_gym.arguments import unsigned
 from palr_gym.connection import DEFAULT_DEADLINE_S, Connection
-from palr_gym.env import refuse_render_mode
+from palr_gym.env import refuse_render_mode, restore_or_reopen
 from palr_gym.errors import InvalidArgument, ResetNeeded
-from palr_gym.session import OutOfBounds, Session, StepResult
+from palr_gym.session import (
+    ObservationDtype,
+    OutOfBounds,
+    ResetResult,
+    RestoredState,
+    Session,
+    StepResult,
+)
 from palr_gym.specs import EnvironmentSpec
 
 VectorStep = tuple[
-    NDArray[np.float64],
+    NDArray[np.floating[Any]],
     NDArray[np.float64],
     NDArray[np.bool_],
     NDArray[np.bool_],
@@ -28,12 +35,28 @@ VectorStep = tuple[
 ]
 
 
-class RemoteVectorEnv(VectorEnv[NDArray[np.float64], NDArray[np.float32], NDArray[Any]]):
+class VectorOpenLoop(NamedTuple):
+    """What k steps of N environments returned. Every array is the caller's own."""
+
+    observations: NDArray[np.floating[Any]]
+    """[k, N, observation size]"""
+    rewards: NDArray[np.float64]
+    """[k, N]"""
+    terminated: NDArray[np.bool_]
+    """[k, N]"""
+    truncated: NDArray[np.bool_]
+    """[k, N]"""
+    infos: list[dict[str, Any]]
+    """One for each step, as `step` returns it."""
+
+
+class RemoteVectorEnv(VectorEnv[NDArray[np.floating[Any]], NDArray[np.float32], NDArray[Any]]):
     """Environments that a palr-gym server steps side by side, in one call.
 
     Behaves as `gymnasium.vector.SyncVectorEnv` around the same environments does: seeding,
     autoreset modes, `reset(options={"reset_mask": ...})`, layout of `infos`. Every array that is
-    returned is new and the caller's own. Infos are always float64.
+    returned is new and the caller's own. Infos are always float64. If a simulation diverges, its
+    episode is truncated, and `infos["truncation_reason"]` says why.
 
     `step_async` sends a step and `step_wait` takes its result, so that the client can work (or
     step another vector environment) while the server does.
@@ -43,9 +66,9 @@ class RemoteVectorEnv(VectorEnv[NDArray[np.float64], NDArray[np.float32], NDArra
     """
 
     # Gymnasium declares spaces of anything.
-    single_observation_space: "gymnasium.Space[NDArray[np.float64]]"
+    single_observation_space: "gymnasium.Space[NDArray[np.floating[Any]]]"
     single_action_space: "gymnasium.Space[NDArray[np.float32]]"
-    observation_space: "gymnasium.Space[NDArray[np.float64]]"
+    observation_space: "gymnasium.Space[NDArray[np.floating[Any]]]"
     action_space: "gymnasium.Space[NDArray[np.float32]]"
 
     def __init__(
@@ -56,6 +79,7 @@ class RemoteVectorEnv(VectorEnv[NDArray[np.float64], NDArray[np.float32], NDArra
         server: str | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         out_of_bounds: OutOfBounds = "reject",
+        observation_dtype: ObservationDtype = "float64",
         deadline_s: float = DEFAULT_DEADLINE_S,
         render_mode: str | None = None,
     ) -> None:
@@ -68,6 +92,7 @@ class RemoteVectorEnv(VectorEnv[NDArray[np.float64], NDArray[np.float32], NDArra
             autoreset_mode: What happens to an environment whose episode has ended.
             out_of_bounds: What happens to an action outside the action space: "reject", "clip",
                 or "raw" (used as it is, as Gymnasium does).
+            observation_dtype: Element type of observations; the server simulates in float64.
             deadline_s: Seconds that a call waits for its answer.
             render_mode: Only None: this server renders nothing.
 
@@ -86,10 +111,53 @@ class RemoteVectorEnv(VectorEnv[NDArray[np.float64], NDArray[np.float32], NDArra
                 num_envs=num_envs,
                 autoreset_mode=autoreset_mode,
                 out_of_bounds=out_of_bounds,
+                observation_dtype=observation_dtype,
             )
         except BaseException:
             self._connection.close()
             raise
+        self._become_ready()
+
+    @classmethod
+    def from_snapshot(
+        cls,
+        snapshot: bytes,
+        *,
+        server: str | None = None,
+        deadline_s: float = DEFAULT_DEADLINE_S,
+    ) -> Self:
+        """Environments in the state of a snapshot, which may come from another server.
+
+        Args:
+            snapshot: From `snapshot`.
+            server: As for new environments.
+            deadline_s: As for new environments.
+
+        Raises:
+            PalrGymError: The kind that fits.
+        """
+        connection = Connection(server_or_default(server), deadline_s)
+        return cls._around(connection, lambda: Session.from_snapshot(connection, snapshot))
+
+    @classmethod
+    def _around(
+        cls, connection: Connection, open_session: Callable[[], tuple[Session, RestoredState]]
+    ) -> Self:
+        """Environments around a session that stands somewhere already."""
+        try:
+            session, state = open_session()
+        except BaseException:
+            connection.close()
+            raise
+        envs = cls.__new__(cls)
+        envs._connection = connection
+        envs._session = session
+        envs._become_ready()
+        envs._stand(state)
+        return envs
+
+    def _become_ready(self) -> None:
+        """Sets everything that follows from the session."""
         self.closed = False
         self.remote_spec: EnvironmentSpec = self._session.spec
         self.num_envs = self._session.num_envs
@@ -110,7 +178,7 @@ class RemoteVectorEnv(VectorEnv[NDArray[np.float64], NDArray[np.float32], NDArra
         *,
         seed: int | Sequence[int | None] | None = None,
         options: dict[str, Any] | None = None,
-    ) -> tuple[NDArray[np.float64], dict[str, Any]]:
+    ) -> tuple[NDArray[np.floating[Any]], dict[str, Any]]:
         """Starts episodes.
 
         Args:
@@ -120,8 +188,8 @@ class RemoteVectorEnv(VectorEnv[NDArray[np.float64], NDArray[np.float32], NDArra
                 environments where it is true. Anything else in it is ignored.
 
         Returns:
-            The current observations of all environments, shape (N, observation size), and an
-            empty info.
+            The current observations of all environments, shape (N, observation size), and the
+            infos of those that were reset.
 
         Raises:
             PalrGymError: The kind that fits.
@@ -129,7 +197,7 @@ class RemoteVectorEnv(VectorEnv[NDArray[np.float64], NDArray[np.float32], NDArra
         self._refuse_if_busy("reset")
         mask = self._reset_mask(options)
         try:
-            observations = self._reset(seed, mask)
+            result = self._reset(seed, mask)
         except BaseException as error:
             self._note_failure(error)
             raise
@@ -138,7 +206,8 @@ class RemoteVectorEnv(VectorEnv[NDArray[np.float64], NDArray[np.float32], NDArra
             self._resets_next = None
         elif self._resets_next is not None:
             self._resets_next[mask] = False
-        return observations, {}
+        was_reset = np.ones(self.num_envs, dtype=np.bool_) if mask is None else mask.copy()
+        return result.observations, self._infos(result.info, was_reset)
 
     def step(self, actions: ArrayLike) -> VectorStep:
         """Steps every environment once.
@@ -196,6 +265,76 @@ class RemoteVectorEnv(VectorEnv[NDArray[np.float64], NDArray[np.float32], NDArra
             self._note_failure(error)
             raise
 
+    def step_open_loop(self, actions: ArrayLike) -> VectorOpenLoop:
+        """Takes K steps in one message, as K calls of `step` would, with one round trip.
+
+        With DISABLED, the first step that ends an episode is the last one that is taken.
+
+        Args:
+            actions: Shape (K, N, action size), converted to float32; K within the limits.
+
+        Returns:
+            What the k steps returned; k is K unless an episode ended (DISABLED).
+
+        Raises:
+            ResetNeeded: As by `step`.
+            PalrGymError: The kind that fits; if the server refused, no step was taken.
+        """
+        self._refuse_unless_playing("step_open_loop")
+        try:
+            result = self._session.step_open_loop(actions)
+            infos = [self._returned(step)[4] for step in _single_steps(result)]
+        except BaseException as error:
+            self._note_failure(error)
+            raise
+        return VectorOpenLoop(
+            result.observations, result.rewards, result.terminated, result.truncated, infos
+        )
+
+    def snapshot(self) -> bytes:
+        """Everything that decides what comes next, for `restore` and `from_snapshot`.
+
+        Raises:
+            AlreadyPendingCallError: The last step was not waited for.
+            PalrGymError: The kind that fits.
+        """
+        self._refuse_if_busy("snapshot")
+        return self._session.snapshot()
+
+    def restore(self, snapshot: bytes) -> NDArray[np.floating[Any]]:
+        """Goes on from a snapshot of these environments or of others like them.
+
+        If the server has forgotten these environments (it was restarted, say), others take their
+        place there, so that a program can go on after a crash of its server.
+
+        Returns:
+            The observations, shape (N, observation size).
+
+        Raises:
+            PalrGymError: The kind that fits; after `InvalidArgument` nothing has changed.
+        """
+        self._is_step_pending = False
+        self._refuse_if_busy("restore")
+        try:
+            self._connection, self._session, state = restore_or_reopen(
+                self._connection, self._session, snapshot
+            )
+        except BaseException as error:
+            self._note_failure(error)
+            raise
+        return self._stand(state)
+
+    def fork(self) -> Self:
+        """More environments that go on from where these stand, with the same generators.
+
+        Raises:
+            AlreadyPendingCallError: The last step was not waited for.
+            PalrGymError: The kind that fits.
+        """
+        self._refuse_if_busy("fork")
+        connection = Connection(self._connection.server, self._connection.deadline_s)
+        return self._around(connection, lambda: self._session.fork(connection))
+
     def close_extras(self, **kwargs: Any) -> None:
         """Closes the session, if the server is still there."""
         self._is_playing = False
@@ -211,12 +350,19 @@ class RemoteVectorEnv(VectorEnv[NDArray[np.float64], NDArray[np.float32], NDArra
         """Closes the environments."""
         self.close()
 
+    def _stand(self, state: RestoredState) -> NDArray[np.floating[Any]]:
+        self._is_playing = state.was_reset
+        resets_next = self._session.autoreset_mode is AutoresetMode.NEXT_STEP
+        self._resets_next = state.is_over if resets_next and state.is_over.any() else None
+        return state.observations
+
     def _returned(self, result: StepResult) -> VectorStep:
         """The five values of `step`, infos laid out as `VectorEnv._add_info` does it."""
         ended = result.terminated | result.truncated
         infos: dict[str, Any] = {}
         if self._session.autoreset_mode is AutoresetMode.SAME_STEP and ended.any():
-            # What the server reports is of the last step; the new episode has no info yet.
+            # What the server reports is of the last step; of the new episode there is only what
+            # its reset reports.
             final = np.full(self.num_envs, None, dtype=object)
             if result.final_observations is not None:
                 for index, observation in zip(
@@ -225,44 +371,67 @@ class RemoteVectorEnv(VectorEnv[NDArray[np.float64], NDArray[np.float32], NDArra
                     final[index] = observation
             infos["final_obs"] = final
             infos["_final_obs"] = ended.copy()
-            infos["final_info"] = self._infos(result.info.copy(), ended)
+            infos["final_info"] = self._infos(result.info.copy(), ended) | self._reasons(result)
             infos["_final_info"] = ended.copy()
-            infos |= self._infos(result.info, ~ended)
+            if result.reset_info is not None:
+                result.info[: len(result.reset_info), ended] = result.reset_info
+            infos |= self._infos(result.info, ~ended, ended)
         elif self._resets_next is not None:
-            infos = self._infos(result.info, ~self._resets_next)
+            infos = self._infos(result.info, ~self._resets_next, self._resets_next)
+            infos |= self._reasons(result)
         else:
             masks = np.ones(result.info.shape, dtype=np.bool_)
             infos = dict(zip(self.remote_spec.info_names, result.info, strict=True))
             infos.update(zip(self._mask_names, masks, strict=True))
+            infos |= self._reasons(result)
         if self._session.autoreset_mode is AutoresetMode.NEXT_STEP:
             self._resets_next = ended if ended.any() else None
         return result.observations, result.rewards, result.terminated, result.truncated, infos
 
-    def _infos(self, info: NDArray[np.float64], has_info: NDArray[np.bool_]) -> dict[str, Any]:
-        """Infos of those environments that have any: zeros elsewhere, empty if none has.
+    def _reasons(self, result: StepResult) -> dict[str, Any]:
+        """Why simulations diverged; hardly ever anything."""
+        if not result.diverged:
+            return {}
+        reasons = np.full(self.num_envs, None, dtype=object)
+        for diverged in result.diverged:
+            reasons[diverged.env_index] = diverged.reason
+        has_reason = np.array([reason is not None for reason in reasons])
+        return {"truncation_reason": reasons, "_truncation_reason": has_reason}
+
+    def _infos(
+        self,
+        info: NDArray[np.float64],
+        has_info: NDArray[np.bool_],
+        was_reset: NDArray[np.bool_] | None = None,
+    ) -> dict[str, Any]:
+        """Infos of those environments that have any: zeros elsewhere, left out if none has.
 
         Args:
-            info: [info names, N]. Written to.
+            info: [info names or reset info names, N]. Written to.
             has_info: [N].
+            was_reset: [N]: has what a reset reports, and nothing else. None: none.
         """
-        if not has_info.any():
-            return {}
-        info[:, ~has_info] = 0.0
-        masks = np.tile(has_info, (len(info), 1))
-        infos: dict[str, Any] = dict(zip(self.remote_spec.info_names, info, strict=True))
-        infos.update(zip(self._mask_names, masks, strict=True))
+        infos: dict[str, Any] = {}
+        for row, (name, values) in enumerate(zip(self.remote_spec.info_names, info, strict=False)):
+            has_value = has_info
+            if was_reset is not None and row < len(self.remote_spec.reset_info_names):
+                has_value = has_info | was_reset
+            if has_value.any():
+                values[~has_value] = 0.0
+                infos[name] = values
+                infos[self._mask_names[row]] = has_value.copy()
         return infos
 
     def _reset(
         self, seed: int | Sequence[int | None] | None, mask: NDArray[np.bool_] | None
-    ) -> NDArray[np.float64]:
-        """Resets the environments in `mask` (None: all); returns all current observations."""
+    ) -> ResetResult:
+        """Resets the environments in `mask` (None: all)."""
         chosen = [] if mask is None else np.flatnonzero(mask).tolist()
         if seed is None or isinstance(seed, SupportsIndex):
             seeds = [] if seed is None else [unsigned("seed", seed, 64)]
-            observations = self._session.reset(seeds=seeds, env_indices=chosen)
+            result = self._session.reset_with_info(seeds=seeds, env_indices=chosen)
             super().reset(seed=seeds[0] if seeds else None)
-            return observations
+            return result
         if len(seed) != self.num_envs:
             raise InvalidArgument(
                 f"resetting {self.num_envs} environment(s) of {self.remote_spec.env_id}: "
@@ -274,12 +443,14 @@ class RemoteVectorEnv(VectorEnv[NDArray[np.float64], NDArray[np.float32], NDArra
         seeded = [index for index in chosen if seed[index] is not None]
         unseeded = [index for index in chosen if seed[index] is None]
         # The protocol seeds all or none of the environments that one request resets.
-        observations = None
-        if seeded:
-            observations = self._session.reset(seeds=seeds, env_indices=seeded)
-        if unseeded or observations is None:
-            observations = self._session.reset(env_indices=unseeded)
-        return observations
+        if not seeded:
+            return self._session.reset_with_info(env_indices=unseeded)
+        result = self._session.reset_with_info(seeds=seeds, env_indices=seeded)
+        if unseeded:
+            first = result.info[:, seeded]
+            result = self._session.reset_with_info(env_indices=unseeded)
+            result.info[:, seeded] = first
+        return result
 
     def _reset_mask(self, options: dict[str, Any] | None) -> NDArray[np.bool_] | None:
         """The mask in `options`, held to the rules of `SyncVectorEnv`."""
@@ -319,3 +490,23 @@ class RemoteVectorEnv(VectorEnv[NDArray[np.float64], NDArray[np.float32], NDArra
             raise AlreadyPendingCallError(
                 f"{what}() of {self.remote_spec.env_id} before step_wait()", "step"
             )
+
+
+def _single_steps(result: StepResult) -> Iterator[StepResult]:
+    """The steps of an open loop, one by one; arrays of observations and flags are views."""
+    ended = result.terminated | result.truncated
+    begin = 0
+    for step, ends in enumerate(ended.sum(axis=1).tolist()):
+        rows = slice(begin, begin + ends)
+        begin += ends
+        final, reset_info = result.final_observations, result.reset_info
+        yield StepResult(
+            result.observations[step],
+            result.rewards[step],
+            result.terminated[step],
+            result.truncated[step],
+            result.info[:, step].copy(),
+            final[rows].copy() if final is not None and ends else None,
+            reset_info[:, rows] if reset_info is not None and ends else None,
+            tuple(diverged for diverged in result.diverged if diverged.step == step),
+        )

@@ -20,6 +20,15 @@ GYMNASIUM_IDS = {
 }
 TASKS = list(GYMNASIUM_IDS)
 
+# The same tasks as Gymnasium's -v5 defines them.
+GYM5_IDS = {
+    "hopper-gym5": "Hopper-v5",
+    "walker2d-gym5": "Walker2d-v5",
+    "halfcheetah-gym5": "HalfCheetah-v5",
+    "ant-gym5": "Ant-v5",
+}
+PROFILES = [*GYMNASIUM_IDS, *GYM5_IDS]
+
 # PALR, section C.1, and the same without any velocity.
 MASKS: dict[str, dict[str, list[int]]] = {
     "hopper": {"paper": [0, 1, 2, 3, 4], "strict": [0, 1, 2, 3, 4]},
@@ -42,9 +51,14 @@ D4RL_RETURNS = {
 Env = gymnasium.Env[NDArray[np.float64], NDArray[np.float32]]
 
 
-def gymnasium_env(task: str) -> Env:
-    """Gymnasium's environment with its time limit, without its checks."""
-    return gymnasium.make(GYMNASIUM_IDS[task], disable_env_checker=True)
+def gymnasium_env(profile: str) -> Env:
+    """Gymnasium's environment with its time limit, without its checks.
+
+    Args:
+        profile: A task, with `-gym5` or without.
+    """
+    ids = GYMNASIUM_IDS | GYM5_IDS
+    return gymnasium.make(ids[profile], disable_env_checker=True)
 
 
 def gymnasium_vector_env(
