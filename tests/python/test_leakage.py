@@ -63,7 +63,7 @@ def test_whole_episodes_are_resampled_where_there_are_twenty(server: str) -> Non
 @pytest.mark.parametrize(
     ("change", "text"),
     [
-        ({"past_action": np.zeros((9, 2))}, "past_action has 9 rows"),
+        ({"past_action": np.eye(9, 2)}, "past_action has 9 rows"),
         ({"representation": np.full((10, 4), np.nan)}, "NaN at row 0, column 0"),
         ({"representation": np.zeros((10, 2, 2))}, r"\(10, 2, 2\)"),
         ({"past_action": np.zeros((10, 2))}, "column 0 of past_action is 0 in all 10 samples"),
