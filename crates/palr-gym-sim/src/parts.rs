@@ -8,8 +8,9 @@ use std::thread::Thread;
 
 use crate::threads::{Job, SimulationThreads, lock, thread_index};
 
-/// How often a caller looks whether the last part is done before it sleeps.
-const LOOKS: u32 = 2_000;
+/// How often a caller that worked along looks whether the last part is done before it sleeps. Others
+/// sleep at once: the simulation threads need the cores.
+const LOOKS: u32 = 500;
 
 /// One part of a piece of work, with the data that belongs to it.
 pub trait Part: Send + 'static {
@@ -120,10 +121,10 @@ impl<P: Part> Parts<P> {
         if let Some(index) = own_index {
             crew.work_from(index);
         }
-        let mut looks = 0;
+        let mut looks = works_along as u32 * LOOKS;
         while crew.unfinished.load(Ordering::Acquire) != 0 {
-            if looks < LOOKS {
-                looks += 1;
+            if looks > 0 {
+                looks -= 1;
                 std::hint::spin_loop();
             } else {
                 std::thread::park();

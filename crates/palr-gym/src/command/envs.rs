@@ -73,11 +73,12 @@ fn print_tasks(tasks: &[v1::Task]) {
 fn print_spec(spec: &v1::EnvironmentSpec) -> anyhow::Result<()> {
     let (random, expert) = references(spec.reference_returns.as_ref());
     println!(
-        "{}: task {}, mask {}, frame stack {}\n\
+        "{}: task {}, as {}; mask {}, frame stack {}\n\
          {} steps of {} s ({} physics steps of {} s); score 0 is a return of {random}, 100 of {expert}; expert: {}\n\
          info: {}",
         spec.env_id,
         spec.task,
+        spec.equals,
         mask_name(spec.mask),
         spec.frame_stack,
         spec.max_episode_steps,
@@ -126,6 +127,7 @@ fn spec_json(spec: &v1::EnvironmentSpec) -> Value {
     json!({
         "env_id": spec.env_id,
         "task": spec.task,
+        "equals": spec.equals,
         "mask": mask_name(spec.mask),
         "mask_indices": spec.mask_indices,
         "frame_stack": spec.frame_stack,
@@ -136,6 +138,7 @@ fn spec_json(spec: &v1::EnvironmentSpec) -> Value {
         "physics_timestep_s": spec.physics_timestep_s,
         "control_timestep_s": spec.control_timestep_s,
         "info_names": spec.info_names,
+        "reset_info_names": spec.reset_info_names,
         "reference_returns": { "random": random, "expert": expert },
         "has_expert": spec.has_expert,
     })
