@@ -7,6 +7,7 @@
 //! - [`demonstrations`]: the arrays of such a file and where its episodes lie.
 //! - [`selection`]: training rows and held-out rows.
 //! - [`samples`]: rows as a learner meets them: masked, stacked, with past actions.
+//! - [`statistics`]: what a data set is like.
 //! - [`standardize`]: their columns with zero mean and unit variance.
 //!
 //! Not here: where transitions come from; what is learnt from them.
@@ -18,6 +19,7 @@ pub mod read;
 pub mod samples;
 pub mod selection;
 pub mod standardize;
+pub mod statistics;
 pub mod transitions;
 
 pub use d4rl::{D4rlShape, D4rlWriter, Metadata};

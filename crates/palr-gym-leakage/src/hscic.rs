@@ -77,6 +77,22 @@ pub fn hscic(
     Ok(Hscic { value: per_point.iter().sum::<f64>() / n as f64, per_point })
 }
 
+/// tr(A), the number of directions in which regression on `given_action` can still tell samples
+/// apart: between 0 and n. Near n, the regression interpolates, and leakage is hard to see.
+///
+/// # Shapes
+/// `[n, d_act]`; time O(n³).
+///
+/// # Errors
+/// [`LeakageError::Singular`].
+pub fn effective_dimension(
+    given_action: MatRef<'_, f64>,
+    config: &HscicConfig,
+) -> Result<f64, LeakageError> {
+    let weights = regression_weights(given_action, config)?;
+    Ok((0..weights.nrows()).map(|i| weights[(i, i)]).sum())
+}
+
 /// `A = (K_z + nλI)⁻¹ K_z`, computed as `I - nλ (K_z + nλI)⁻¹`, which loses fewer digits.
 fn regression_weights(
     given_action: MatRef<'_, f64>,

@@ -15,4 +15,4 @@ pub mod kernel;
 
 pub use bootstrap::{Interval, block_bootstrap};
 pub use error::LeakageError;
-pub use hscic::{Hscic, HscicConfig, hscic, refuse_constant};
+pub use hscic::{Hscic, HscicConfig, effective_dimension, hscic, refuse_constant};

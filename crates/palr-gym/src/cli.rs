@@ -1,5 +1,6 @@
 //! The command line, as people read it in `--help`.
 
+pub mod data;
 pub mod demo;
 pub mod runs;
 pub mod train;
@@ -11,6 +12,7 @@ use std::sync::LazyLock;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use palr_gym_trainer::ServerAddress;
 
+pub use data::{DataArguments, DataCommand};
 pub use demo::DemoArguments;
 pub use runs::{PlotArguments, RunsArguments};
 pub use train::TrainArguments;
@@ -65,6 +67,8 @@ pub enum Command {
     Evaluate(EvaluateArguments),
     /// Train a policy on recorded demonstrations: behaviour cloning or PALR.
     Train(TrainArguments),
+    /// Describe and check data sets.
+    Data(DataArguments),
     /// List training runs and compare them.
     Runs(RunsArguments),
     /// Draw the curves of training runs.

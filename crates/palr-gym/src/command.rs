@@ -2,6 +2,7 @@
 
 pub mod collect;
 pub mod completions;
+pub mod data;
 pub mod demo;
 pub mod envs;
 pub mod evaluate;

@@ -44,6 +44,7 @@ fn every_command_teaches_its_use() {
         "evaluate",
         "leakage",
         "train",
+        "data",
         "runs",
         "plot",
         "demo",
@@ -146,4 +147,40 @@ fn leakage_is_estimated_on_what_was_collected() {
         let said = String::from_utf8(output.stderr).unwrap();
         assert!(!output.status.success() && said.contains(text), "{more:?}: {said}");
     }
+}
+
+#[test]
+fn a_recording_is_described_and_its_faults_are_found() {
+    let folder = tempfile::tempdir().unwrap();
+    let collect = ["collect", "--env", "hopper", "--policy", "random", "--episodes", "25"];
+    assert!(
+        palr_gym(folder.path(), &[&collect[..], &["--out", "a.hdf5"]].concat()).status.success()
+    );
+    let output = palr_gym(folder.path(), &["data", "info", "a.hdf5", "--json"]);
+    let info: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!((&info["episodes"], &info["terminated"]), (&25.into(), &25.into()));
+    assert_eq!((&info["observation_size"], &info["action_size"]), (&11.into(), &3.into()));
+    // Uniform actions are without memory, and a random policy scores next to nothing.
+    assert!(info["normalized_score"]["mean"].as_f64().unwrap() < 5.0);
+    assert!(info["actions"][0]["lag_1_correlation"].as_f64().unwrap().abs() < 0.2);
+    assert!(palr_gym(folder.path(), &["data", "verify", "a.hdf5"]).status.success());
+    let text = palr_gym(folder.path(), &["data", "info", "a.hdf5"]).stdout;
+    assert!(String::from_utf8(text).unwrap().contains("25 ended by the task, 0 by the time limit"));
+
+    let shape = palr_gym_data::D4rlShape {
+        transitions: 30,
+        observation_size: 11,
+        action_size: 3,
+        nq: 6,
+        nv: 6,
+        has_action_log_probs: false,
+    };
+    // What is not written is zero.
+    palr_gym_data::D4rlWriter::create(&folder.path().join("zero.hdf5"), shape, &[]).unwrap();
+    let output = palr_gym(folder.path(), &["data", "verify", "zero.hdf5"]);
+    assert_eq!(output.status.code(), Some(1));
+    let text = String::from_utf8(output.stdout).unwrap();
+    assert!(text.contains("WRONG 3 entries of the action never vary"), "{text}");
+    let output = palr_gym(folder.path(), &["data", "info", "a.hdf5", "--env", "hoper"]);
+    assert_eq!(output.status.code(), Some(64));
 }

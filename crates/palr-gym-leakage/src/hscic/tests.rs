@@ -176,3 +176,16 @@ fn what_cannot_be_estimated_is_refused_with_the_reason() {
     let error = hscic(one.as_ref(), one.as_ref(), one.as_ref(), &config).unwrap_err();
     assert_eq!(error.to_string(), "1 samples; expected at least 2");
 }
+
+/// k equal samples are one direction: its eigenvalue of K is n, so tr(A) = n / (n + nλ).
+#[test]
+fn the_effective_dimension_is_that_of_the_analytic_cases() {
+    let config = HscicConfig { ridge: 0.1, bandwidth_sq: 1.0 };
+    let equal = Mat::from_fn(20, 2, |_, _| 0.3);
+    let got = effective_dimension(equal.as_ref(), &config).unwrap();
+    assert!((got - 1.0 / 1.1).abs() < 1e-10, "{got}");
+    // Samples far apart: K = I, so each direction has 1 / (1 + nλ).
+    let apart = Mat::from_fn(20, 1, |i, _| 100.0 * i as f64);
+    let got = effective_dimension(apart.as_ref(), &config).unwrap();
+    assert!((got - 20.0 / 3.0).abs() < 1e-10, "{got}");
+}
