@@ -1,7 +1,8 @@
-//! The wire: generated messages and services of `palr_gym.v1`.
+//! The wire: generated messages and services of `palr_gym.v1`, and of
+//! `dm_env_rpc.v1` for existing clients.
 //!
 //! Nothing is written by hand here but the module tree; what a message means stands beside its
-//! fields in `proto/palr_gym/v1/*.proto`.
+//! fields in `proto/*/v1/*.proto`.
 #![allow(missing_docs, unreachable_pub, clippy::all, reason = "generated code")]
 
 /// Every file that the services need, for server reflection.
@@ -12,6 +13,14 @@ pub mod palr_gym {
     /// First version. Field numbers are never reused.
     pub mod v1 {
         tonic::include_proto!("palr_gym.v1");
+    }
+}
+
+/// DeepMind's public protocol, for clients that already speak it.
+pub mod dm_env_rpc {
+    /// First version, the only one there is.
+    pub mod v1 {
+        tonic::include_proto!("dm_env_rpc.v1");
     }
 }
 

@@ -5,6 +5,7 @@ use palr_gym_leakage::LeakageError;
 use palr_gym_onnx::OnnxError;
 use palr_gym_sim::SimError;
 
+use crate::dm_env_rpc::DmEnvRpcError;
 use crate::session::SessionId;
 
 /// Why a request failed. [`crate::status`] says which gRPC status each becomes.
@@ -29,6 +30,9 @@ pub enum ServerError {
     /// From the estimate of leakage.
     #[error(transparent)]
     Leakage(#[from] LeakageError),
+    /// From a client of dm_env_rpc.
+    #[error(transparent)]
+    DmEnvRpc(#[from] DmEnvRpcError),
     /// An array of the wrong type or shape.
     #[error("{field} is {got}; expected {want}")]
     Array {

@@ -5,6 +5,7 @@
 //! - [`session`], [`sessions`]: one session as an actor on the simulation threads; all of them.
 //! - [`rollout`]: whole episodes played by the server itself, for evaluation and collection.
 //! - [`leakage`]: HSCIC of uploaded arrays, or of what a policy does on them.
+//! - [`dm_env_rpc`]: DeepMind's protocol, on top of sessions.
 //! - [`experts`]: the policies that ship with the server.
 //! - [`error`], [`status`]: domain errors; the one map from them to gRPC statuses.
 //! - [`convert`]: domain values to messages and back; [`encode`]: answers of sessions.
@@ -14,6 +15,7 @@
 pub mod config;
 pub mod convert;
 pub mod encode;
+pub mod dm_env_rpc;
 pub mod error;
 pub mod experts;
 pub mod leakage;

@@ -1,6 +1,7 @@
 //! One file a gRPC service: requests in, domain calls, answers out.
 
 mod collection;
+mod dm_env_rpc;
 mod environment;
 mod evaluation;
 mod leakage;
@@ -16,6 +17,7 @@ use tokio_util::sync::CancellationToken;
 
 use crate::config::Limits;
 use crate::encode::WireEncode;
+use crate::dm_env_rpc::Worlds;
 use crate::sessions::Sessions;
 
 /// What the services share.
@@ -23,6 +25,8 @@ use crate::sessions::Sessions;
 pub struct Services {
     /// Open sessions.
     pub sessions: Arc<Sessions<WireEncode>>,
+    /// Worlds of dm_env_rpc.
+    pub worlds: Arc<Worlds>,
     /// What clients may ask for.
     pub limits: Limits,
     /// Where physics runs.

@@ -16,6 +16,7 @@ use prost::Message;
 use tonic::{Code, Status};
 use tonic_types::{ErrorDetails, StatusExt};
 
+use crate::dm_env_rpc::DmEnvRpcError;
 use crate::error::ServerError;
 
 /// Domain of every `ErrorInfo`.
@@ -102,6 +103,28 @@ fn place_leakage(error: &LeakageError) -> Place {
     }
 }
 
+fn place_dm_env_rpc(error: &DmEnvRpcError) -> Place {
+    match error {
+        DmEnvRpcError::NoRequest => invalid("MISSING", "payload"),
+        DmEnvRpcError::NoExtension { .. } => place(Code::Unimplemented, "NO_EXTENSION"),
+        DmEnvRpcError::UnknownSetting { .. } => invalid("UNKNOWN_SETTING", "settings"),
+        DmEnvRpcError::Setting { .. } => invalid("SETTING", "settings"),
+        DmEnvRpcError::UnknownWorld { .. } => {
+            Place { code: Code::NotFound, reason: "WORLD_NOT_FOUND", field: Some("world_name") }
+        }
+        DmEnvRpcError::AlreadyJoined { .. } => place(Code::FailedPrecondition, "ALREADY_JOINED"),
+        DmEnvRpcError::NotJoined { .. } => place(Code::FailedPrecondition, "NOT_JOINED"),
+        DmEnvRpcError::WorldInUse { .. } => place(Code::FailedPrecondition, "WORLD_IN_USE"),
+        DmEnvRpcError::TooManyWorlds { .. } => place(Code::ResourceExhausted, "TOO_MANY_WORLDS"),
+        DmEnvRpcError::UnknownObservation { .. } => {
+            invalid("UNKNOWN_OBSERVATION", "requested_observations")
+        }
+        DmEnvRpcError::UnknownAction { .. } => invalid("UNKNOWN_ACTION", "actions"),
+        DmEnvRpcError::ActionType { .. } => invalid("ACTION_DTYPE", "actions"),
+        DmEnvRpcError::ActionShape { .. } => invalid("ACTION_SHAPE", "actions"),
+    }
+}
+
 fn place_server(error: &ServerError) -> Place {
     match error {
         ServerError::Sim(error) => place_sim(error),
@@ -109,6 +132,7 @@ fn place_server(error: &ServerError) -> Place {
             place_policy(error)
         }
         ServerError::Leakage(error) => place_leakage(error),
+        ServerError::DmEnvRpc(error) => place_dm_env_rpc(error),
         ServerError::Array { field, .. } => invalid("ARRAY_SHAPE", field),
         ServerError::SessionNotFound { .. } => {
             Place { code: Code::NotFound, reason: "SESSION_NOT_FOUND", field: Some("session_id") }

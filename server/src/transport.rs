@@ -6,6 +6,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use palr_gym_proto::FILE_DESCRIPTOR_SET;
+use palr_gym_proto::dm_env_rpc::v1::environment_server::EnvironmentServer;
 use palr_gym_proto::v1::collection_service_server::CollectionServiceServer;
 use palr_gym_proto::v1::environment_service_server::EnvironmentServiceServer;
 use palr_gym_proto::v1::evaluation_service_server::EvaluationServiceServer;
@@ -26,7 +27,7 @@ use tonic_health::ServingStatus;
 use tonic_health::server::HealthReporter;
 
 use crate::config::ServerConfig;
-use crate::encode::WireEncode;
+use crate::dm_env_rpc::Worlds;
 use crate::error::ServerError;
 use crate::services::Services;
 use crate::sessions::Sessions;
@@ -154,6 +155,7 @@ impl Server {
         let threads = SimulationThreads::start(config.simulation_threads)?;
         let services = Services {
             sessions: Arc::new(Sessions::new(config.limits, threads.clone())),
+            worlds: Arc::new(Worlds::new(config.limits.max_sessions, config.limits.session_idle)),
             limits: config.limits,
             threads,
             rollouts: Arc::new(Semaphore::new(config.limits.max_rollouts)),
@@ -180,7 +182,7 @@ impl Server {
             let draining = self.services.draining.clone();
             servers.spawn(serve_on(routes.clone(), listener, draining));
         }
-        let reaper = tokio::spawn(reap(Arc::clone(&self.services.sessions)));
+        let reaper = tokio::spawn(reap(self.services.clone()));
         tokio::pin!(shutdown);
         let early_end = tokio::select! {
             () = &mut shutdown => None,
@@ -235,6 +237,10 @@ impl Server {
                 SnapshotServiceServer::new(services())
                     .max_decoding_message_size(limits.max_snapshot_bytes + MESSAGE_SLACK_BYTES),
             )
+            .add_service(
+                EnvironmentServer::new(services())
+                    .max_decoding_message_size(limits.max_message_bytes),
+            )
             .add_service(ServerServiceServer::new(services())))
     }
 }
@@ -249,6 +255,7 @@ async fn report(health: &HealthReporter, status: ServingStatus) {
         LeakageServiceServer::<Services>::NAME,
         ServerServiceServer::<Services>::NAME,
         SnapshotServiceServer::<Services>::NAME,
+        EnvironmentServer::<Services>::NAME,
     ];
     for service in services {
         health.set_service_status(service, status).await;
@@ -284,13 +291,13 @@ async fn serve_on(
     }
 }
 
-async fn reap(sessions: Arc<Sessions<WireEncode>>) {
+async fn reap(services: Services) {
     let mut period = tokio::time::interval(REAP_PERIOD);
     loop {
         period.tick().await;
-        let reaped = sessions.reap();
-        if reaped > 0 {
-            tracing::info!(reaped, "idle sessions closed");
+        let (sessions, worlds) = (services.sessions.reap(), services.worlds.reap());
+        if sessions + worlds > 0 {
+            tracing::info!(sessions, worlds, "idle ones closed");
         }
     }
 }

@@ -5,6 +5,7 @@
 #![allow(missing_docs, unreachable_pub, reason = "a test's name is its documentation")]
 
 mod architecture;
+mod dm_env_rpc;
 mod drain;
 mod errors;
 mod leakage;

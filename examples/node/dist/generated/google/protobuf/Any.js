@@ -1,0 +1,2 @@
+// Original file: null
+export {};

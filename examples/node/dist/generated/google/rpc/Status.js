@@ -1,0 +1,2 @@
+// Original file: ../../proto/google/rpc/status.proto
+export {};

@@ -1,0 +1,20 @@
+// Original file: ../../proto/palr_gym/v1/environment_service.proto
+
+import type { AutoresetMode as _palr_gym_v1_AutoresetMode, AutoresetMode__Output as _palr_gym_v1_AutoresetMode__Output } from '../../palr_gym/v1/AutoresetMode.js';
+import type { OutOfBounds as _palr_gym_v1_OutOfBounds, OutOfBounds__Output as _palr_gym_v1_OutOfBounds__Output } from '../../palr_gym/v1/OutOfBounds.js';
+
+export interface OpenSessionRequest {
+  'envId'?: (string);
+  'numEnvs'?: (number);
+  'autoresetMode'?: (_palr_gym_v1_AutoresetMode);
+  'outOfBounds'?: (_palr_gym_v1_OutOfBounds);
+  '_numEnvs'?: "numEnvs";
+}
+
+export interface OpenSessionRequest__Output {
+  'envId': (string);
+  'numEnvs'?: (number);
+  'autoresetMode': (_palr_gym_v1_AutoresetMode__Output);
+  'outOfBounds': (_palr_gym_v1_OutOfBounds__Output);
+  '_numEnvs'?: "numEnvs";
+}

@@ -1,0 +1,17 @@
+// Original file: ../../proto/palr_gym/v1/environment_service.proto
+
+import type { EnvironmentSpec as _palr_gym_v1_EnvironmentSpec, EnvironmentSpec__Output as _palr_gym_v1_EnvironmentSpec__Output } from '../../palr_gym/v1/EnvironmentSpec.js';
+
+export interface OpenSessionResponse {
+  'sessionId'?: (string);
+  'spec'?: (_palr_gym_v1_EnvironmentSpec | null);
+  'numEnvs'?: (number);
+  'idleLimitS'?: (number);
+}
+
+export interface OpenSessionResponse__Output {
+  'sessionId': (string);
+  'spec': (_palr_gym_v1_EnvironmentSpec__Output | null);
+  'numEnvs': (number);
+  'idleLimitS': (number);
+}

@@ -1,0 +1,13 @@
+// Original file: ../../proto/palr_gym/v1/environment_service.proto
+
+import type { Tensor as _palr_gym_v1_Tensor, Tensor__Output as _palr_gym_v1_Tensor__Output } from '../../palr_gym/v1/Tensor.js';
+
+export interface StepRequest {
+  'sessionId'?: (string);
+  'actions'?: (_palr_gym_v1_Tensor | null);
+}
+
+export interface StepRequest__Output {
+  'sessionId': (string);
+  'actions': (_palr_gym_v1_Tensor__Output | null);
+}
