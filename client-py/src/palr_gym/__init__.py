@@ -5,7 +5,7 @@
 - `evaluate("hopper-w2", "policy.onnx")`, `collect("hopper", "expert", transitions=30_000)`: the
   server steps the environments itself.
 - `hscic(representation, past_action, given_action)`: how much the first repeats the second.
-- `Client`: everything else that a server offers.
+- `Client`: everything else that a server offers; `palr_gym.aio.Client` for asyncio.
 
 Importing this package registers the environments with Gymnasium. It opens no connection.
 """

@@ -1,6 +1,6 @@
 """Calls to one server: a channel, a deadline on every call, typed errors.
 
-Only this module calls grpc. Steps go through `stream.py` instead.
+Only this module and `aio.py` call grpc. Steps go through `stream.py` instead.
 """
 
 import threading
@@ -20,7 +20,7 @@ from palr_gym._proto.palr_gym.v1 import (
     server_service_pb2,
     snapshot_service_pb2,
 )
-from palr_gym.address import parse_address
+from palr_gym.address import Address, parse_address
 from palr_gym.arguments import seconds
 from palr_gym.errors import DeadlineExceeded, FailedPrecondition, from_rpc_error
 from palr_gym.stream import MessageStream
@@ -31,7 +31,7 @@ DEFAULT_DEADLINE_S = 30.0
 Request = TypeVar("Request", bound=Message)
 Response = TypeVar("Response", bound=Message)
 
-_CHANNEL_OPTIONS: list[tuple[str, str | int]] = [
+_CHANNEL_OPTIONS: tuple[tuple[str, str | int], ...] = (
     # A session of many environments, or an episode with pixels, is larger than grpc's 4 MiB.
     ("grpc.max_receive_message_length", -1),
     ("grpc.max_send_message_length", -1),
@@ -46,7 +46,12 @@ _CHANNEL_OPTIONS: list[tuple[str, str | int]] = [
     # After a restart of the server, do not sit out grpc's two minutes.
     ("grpc.initial_reconnect_backoff_ms", 250),
     ("grpc.max_reconnect_backoff_ms", 2_000),
-]
+)
+
+
+def channel_options(address: Address) -> list[tuple[str, str | int]]:
+    """How a channel of ours behaves."""
+    return [*_CHANNEL_OPTIONS, ("grpc.default_authority", address.authority)]
 
 
 @dataclass(frozen=True)
@@ -159,7 +164,7 @@ class Connection:
         self.deadline_s = seconds("deadline_s", deadline_s)
         self._channel = grpc.insecure_channel(
             self._address.target,
-            options=[*_CHANNEL_OPTIONS, ("grpc.default_authority", self._address.authority)],
+            options=channel_options(self._address),
         )
         self.is_closed = False
 

@@ -8,6 +8,7 @@ from typing import ClassVar
 import google.rpc.error_details_pb2 as error_details
 import google.rpc.status_pb2 as rpc_status
 import grpc
+import grpc.aio
 import gymnasium.error
 from google.protobuf.message import DecodeError
 
@@ -141,7 +142,7 @@ def from_rpc_error(
         server: Address of the server, as the user knows it.
         timeout_s: Seconds that the call had.
     """
-    if not isinstance(error, grpc.Call):
+    if not isinstance(error, (grpc.Call, grpc.aio.AioRpcError)):
         return ServerError(f"{asked} on {server}: {error}")
     code = error.code() or grpc.StatusCode.UNKNOWN
     text = error.details() or "no further details"
@@ -197,7 +198,7 @@ def _details(status: rpc_status.Status) -> _Details:
     return details
 
 
-def _status_in_trailers(call: grpc.Call) -> rpc_status.Status:
+def _status_in_trailers(call: grpc.Call | grpc.aio.AioRpcError) -> rpc_status.Status:
     """The status with its details; an empty one if there is none that can be read."""
     for key, value in call.trailing_metadata() or ():
         if key == STATUS_TRAILER and isinstance(value, bytes):

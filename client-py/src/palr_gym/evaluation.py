@@ -139,8 +139,34 @@ def run_evaluation(
     stall_timeout_s: float,
 ) -> Evaluation:
     """`evaluate` over a connection that exists."""
-    asked = f"evaluating {policy_name(policy)} on {env_id}"
-    request = evaluation_service_pb2.EvaluateRequest(
+    request = evaluation_request(
+        env_id, policy, episodes=episodes, seed=seed, sampled=sampled, num_envs=num_envs
+    )
+    results = EvaluationResults(policy, request, connection.server, on_episode)
+    stream = connection.server_stream(
+        EVALUATE,
+        request,
+        asked=results.asked,
+        timeout_s=timeout_s,
+        stall_timeout_s=stall_timeout_s,
+    )
+    with closing(stream):
+        for message in stream:
+            results.take(message)
+    return results.evaluation()
+
+
+def evaluation_request(
+    env_id: str,
+    policy: PolicySource,
+    *,
+    episodes: SupportsIndex,
+    seed: SupportsIndex,
+    sampled: bool,
+    num_envs: SupportsIndex | None,
+) -> evaluation_service_pb2.EvaluateRequest:
+    """The message for the arguments of `evaluate`."""
+    return evaluation_service_pb2.EvaluateRequest(
         env_id=env_id,
         policy=policy_message(policy),
         episodes=unsigned("episodes", episodes, 32),
@@ -148,26 +174,50 @@ def run_evaluation(
         action_mode=action_mode(sampled=sampled),
         num_envs=None if num_envs is None else unsigned("num_envs", num_envs, 32),
     )
-    results: list[EpisodeResult] = []
-    summary: evaluation_service_pb2.EvaluationSummary | None = None
-    stream = connection.server_stream(
-        EVALUATE, request, asked=asked, timeout_s=timeout_s, stall_timeout_s=stall_timeout_s
-    )
-    with closing(stream):
-        for message in stream:
-            if message.HasField("episode"):
-                result = _episode_result(message.episode)
-                results.append(result)
-                if on_episode is not None:
-                    on_episode(result)
-            elif message.HasField("summary"):
-                summary = message.summary
-    if summary is None or summary.episodes != len(results):
-        raise ServerError(
-            f"{asked} on {connection.server}: the server sent {len(results)} of "
-            f"{request.episodes} episodes and {'no' if summary is None else 'a'} summary"
-        )
-    return _evaluation(env_id, results, summary)
+
+
+class EvaluationResults:
+    """What a server sends in the course of an evaluation."""
+
+    def __init__(
+        self,
+        policy: PolicySource,
+        request: evaluation_service_pb2.EvaluateRequest,
+        server: str,
+        on_episode: Callable[[EpisodeResult], None] | None,
+    ) -> None:
+        """Nothing yet."""
+        self.asked = f"evaluating {policy_name(policy)} on {request.env_id}"
+        """What was asked, for errors."""
+        self._request = request
+        self._server = server
+        self._on_episode = on_episode
+        self._episodes: list[EpisodeResult] = []
+        self._summary: evaluation_service_pb2.EvaluationSummary | None = None
+
+    def take(self, message: evaluation_service_pb2.EvaluateResponse) -> None:
+        """Takes the next message."""
+        if message.HasField("episode"):
+            result = _episode_result(message.episode)
+            self._episodes.append(result)
+            if self._on_episode is not None:
+                self._on_episode(result)
+        elif message.HasField("summary"):
+            self._summary = message.summary
+
+    def evaluation(self) -> Evaluation:
+        """What they come to, at the end.
+
+        Raises:
+            ServerError: Some are missing.
+        """
+        summary, episodes = self._summary, self._episodes
+        if summary is None or summary.episodes != len(episodes):
+            raise ServerError(
+                f"{self.asked} on {self._server}: the server sent {len(episodes)} of "
+                f"{self._request.episodes} episodes and {'no' if summary is None else 'a'} summary"
+            )
+        return _evaluation(self._request.env_id, episodes, summary)
 
 
 def _episode_result(message: evaluation_service_pb2.EpisodeResult) -> EpisodeResult:

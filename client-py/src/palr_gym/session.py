@@ -3,6 +3,7 @@
 import os
 import weakref
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple, Self, SupportsIndex, get_args
 
 import numpy as np
@@ -162,25 +163,17 @@ class Session:
         Raises:
             PalrGymError: The kind that fits.
         """
-        mode = _parse_autoreset_mode(autoreset_mode)
-        if out_of_bounds not in _OUT_OF_BOUNDS:
-            raise InvalidArgument(
-                f"out_of_bounds is {out_of_bounds!r}; expected one of {get_args(OutOfBounds)}"
-            )
-        if observation_dtype not in _OBSERVATION_DTYPES:
-            raise InvalidArgument(
-                f"observation_dtype is {observation_dtype!r}; expected one of "
-                f"{get_args(ObservationDtype)}"
-            )
+        mode = parse_autoreset_mode(autoreset_mode)
+        request = open_session_request(
+            env_id,
+            num_envs=num_envs,
+            autoreset_mode=mode,
+            out_of_bounds=out_of_bounds,
+            observation_dtype=observation_dtype,
+        )
         response = connection.unary(
             OPEN_SESSION,
-            OpenSessionRequest(
-                env_id=env_id,
-                num_envs=unsigned("num_envs", num_envs, 32),
-                autoreset_mode=_AUTORESET_MODES[mode],
-                out_of_bounds=_OUT_OF_BOUNDS[out_of_bounds],
-                observation_dtype=_OBSERVATION_DTYPES[observation_dtype],
-            ),
+            request,
             asked=f"opening {num_envs} environment(s) of {env_id}",
         )
         self._attach(connection, response, mode)
@@ -226,7 +219,7 @@ class Session:
         self._observation_dtype = np.dtype(self.spec.observation_space.dtype or np.float64)
         self._observations_shape = (self.num_envs, *self.spec.observation_space.shape)
         self._actions_shape = (self.num_envs, *self.spec.action_space.shape)
-        self._info_shape = (self.num_envs, len(self.spec.info_names))
+        self._shapes = Shapes.of(self.spec, self.num_envs)
         self._subject = f"{self.num_envs} environment(s) of {self.spec.env_id}"
         self._exchange = Exchange(connection, self._subject)
         self._step_head = self._head_of_step_requests()
@@ -452,27 +445,88 @@ class Session:
         )
 
     def _step_result(self, message: StepResponse, steps: int | None = None) -> StepResult:
-        """The arrays of an answer to a step, or to `steps` steps of an open loop."""
-        first = () if steps is None else (steps,)
-        rows = (*first, self.num_envs)
-        dtype = self._observation_dtype
-        final_observations = reset_info = None
-        if message.HasField("final_observations"):
-            shape = (-1, *self._observations_shape[1:])
-            final_observations = to_array(message.final_observations, dtype, shape)
-            if message.HasField("reset_info"):
-                shape = (len(final_observations), len(self.spec.reset_info_names))
-                reset_info = columns(message.reset_info.data, FLOAT64, shape)
-        return StepResult(
-            elements(message.observations.data, dtype, (*first, *self._observations_shape)),
-            elements(message.rewards.data, FLOAT64, rows),
-            elements(message.terminated.data, BOOL, rows),
-            elements(message.truncated.data, BOOL, rows),
-            columns(message.info.data, FLOAT64, (*first, *self._info_shape)),
-            final_observations,
-            reset_info,
-            tuple(map(_diverged, message.diverged)) if message.diverged else (),
+        return step_result(message, self._shapes, steps)
+
+
+def open_session_request(
+    env_id: str,
+    *,
+    num_envs: SupportsIndex,
+    autoreset_mode: AutoresetMode,
+    out_of_bounds: OutOfBounds,
+    observation_dtype: ObservationDtype,
+) -> OpenSessionRequest:
+    """The message that opens a session.
+
+    Raises:
+        InvalidArgument: An argument cannot be sent.
+    """
+    if out_of_bounds not in _OUT_OF_BOUNDS:
+        raise InvalidArgument(
+            f"out_of_bounds is {out_of_bounds!r}; expected one of {get_args(OutOfBounds)}"
         )
+    if observation_dtype not in _OBSERVATION_DTYPES:
+        raise InvalidArgument(
+            f"observation_dtype is {observation_dtype!r}; expected one of "
+            f"{get_args(ObservationDtype)}"
+        )
+    return OpenSessionRequest(
+        env_id=env_id,
+        num_envs=unsigned("num_envs", num_envs, 32),
+        autoreset_mode=_AUTORESET_MODES[autoreset_mode],
+        out_of_bounds=_OUT_OF_BOUNDS[out_of_bounds],
+        observation_dtype=_OBSERVATION_DTYPES[observation_dtype],
+    )
+
+
+@dataclass(frozen=True)
+class Shapes:
+    """Types and shapes of the arrays that a session sends and receives."""
+
+    observation_dtype: np.dtype[Any]
+    observations: tuple[int, int]
+    actions: tuple[int, int]
+    info: tuple[int, int]
+    reset_info_size: int
+
+    @classmethod
+    def of(cls, spec: EnvironmentSpec, num_envs: int) -> Self:
+        """Those of `num_envs` environments."""
+        return cls(
+            observation_dtype=np.dtype(spec.observation_space.dtype or np.float64),
+            observations=(num_envs, spec.observation_space.shape[0]),
+            actions=(num_envs, spec.action_space.shape[0]),
+            info=(num_envs, len(spec.info_names)),
+            reset_info_size=len(spec.reset_info_names),
+        )
+
+
+def step_result(message: StepResponse, shapes: Shapes, steps: int | None = None) -> StepResult:
+    """The arrays of an answer to a step, or to `steps` steps of an open loop.
+
+    Raises:
+        ServerError: Not what was promised.
+    """
+    first = () if steps is None else (steps,)
+    rows = (*first, shapes.actions[0])
+    dtype = shapes.observation_dtype
+    final_observations = reset_info = None
+    if message.HasField("final_observations"):
+        shape = (-1, *shapes.observations[1:])
+        final_observations = to_array(message.final_observations, dtype, shape)
+        if message.HasField("reset_info"):
+            shape = (len(final_observations), shapes.reset_info_size)
+            reset_info = columns(message.reset_info.data, FLOAT64, shape)
+    return StepResult(
+        elements(message.observations.data, dtype, (*first, *shapes.observations)),
+        elements(message.rewards.data, FLOAT64, rows),
+        elements(message.terminated.data, BOOL, rows),
+        elements(message.truncated.data, BOOL, rows),
+        columns(message.info.data, FLOAT64, (*first, *shapes.info)),
+        final_observations,
+        reset_info,
+        tuple(map(_diverged, message.diverged)) if message.diverged else (),
+    )
 
 
 def _diverged(message: DivergedEpisodeMessage) -> DivergedEpisode:
@@ -485,7 +539,12 @@ def _diverged(message: DivergedEpisodeMessage) -> DivergedEpisode:
     return DivergedEpisode(message.step, message.env_index, reason)
 
 
-def _parse_autoreset_mode(mode: AutoresetMode | str) -> AutoresetMode:
+def parse_autoreset_mode(mode: AutoresetMode | str) -> AutoresetMode:
+    """The mode that `mode` is or names.
+
+    Raises:
+        InvalidArgument: There is no such mode.
+    """
     try:
         return AutoresetMode(mode)
     except ValueError:
