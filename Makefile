@@ -59,4 +59,4 @@ deps:
 	cargo deny check bans licenses sources
 
 clean:
-	rm -rf target .venv .venv-bench .venv-compat native
+	rm -rf target .venv .venv-bench .venv-compat native examples/node/node_modules examples/node/dist examples/node/src/generated

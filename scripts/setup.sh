@@ -91,6 +91,24 @@ if [ ! -e "native/lib/libmujoco.so.$mujoco_version" ] || [ ! -e "native/lib/libo
   .venv/bin/python scripts/unpack_native.py native/lib "$wheels"/*.whl
 fi
 
+# --- Node.js example -------------------------------------------------------------------------
+if [ "$goal" = test ]; then
+  node_major=$(node --version 2>/dev/null | sed -E 's/^v([0-9]+).*/\1/' || true)
+  node_path=$PATH
+  if [ "${node_major:-0}" -lt 20 ] || ! command -v npm >/dev/null; then
+    # requirements/dev.txt has one.
+    node_path=$PWD/.venv/bin:$PATH
+  fi
+  stamp=examples/node/node_modules/.installed
+  wanted=$(sha256sum <examples/node/package.json)
+  if [ "$(cat "$stamp" 2>/dev/null)" != "$wanted" ]; then
+    say "installing the packages of examples/node"
+    PATH=$node_path npm install --prefix examples/node --no-package-lock --no-audit --no-fund --ignore-scripts --loglevel=error >/dev/null ||
+      die "npm cannot install the packages of examples/node; it needs Node.js >= 20 ($(PATH=$node_path command -v node)) and a registry"
+    printf '%s\n' "$wanted" >"$stamp"
+  fi
+fi
+
 # --- Test runner -----------------------------------------------------------------------------
 if [ "$goal" = test ] && ! cargo nextest --version >/dev/null 2>&1; then
   say "building cargo-nextest (once, a few minutes)"
