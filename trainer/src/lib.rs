@@ -6,6 +6,7 @@
 //! # Layout
 //! - [`client`]: connections, calls, errors.
 //! - [`session`]: a session of environments, stepped over a stream.
+//! - [`benchmark`]: how fast a server is.
 //! - [`evaluate`]: evaluation on the server.
 //! - [`collect`]: demonstrations to a file, resumable; [`journal`] is what makes them so.
 //! - [`leakage`]: leakage of a policy on recorded demonstrations.
@@ -14,6 +15,7 @@
 //! - [`learning`]: policies from arrays: behaviour cloning and PALR.
 //! - [`plot`]: figures, as SVG and PNG.
 
+pub mod benchmark;
 pub mod client;
 pub mod collect;
 pub mod error;

@@ -1,6 +1,7 @@
 //! The command line, as people read it in `--help`.
 
 pub mod data;
+pub mod bench;
 pub mod demo;
 pub mod runs;
 pub mod train;
@@ -75,6 +76,8 @@ pub enum Command {
     Plot(PlotArguments),
     /// Estimate how much a policy's actions repeat the expert's past ones.
     Leakage(LeakageArguments),
+    /// Measure how fast a server is, in steps per second or microseconds a step.
+    Bench(bench::BenchArguments),
     /// Collect, evaluate and draw, from nothing, in a folder of its own.
     Demo(DemoArguments),
     /// Print a completion script for a shell.

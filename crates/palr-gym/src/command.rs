@@ -1,5 +1,6 @@
 //! One file a command.
 
+pub mod bench;
 pub mod collect;
 pub mod completions;
 pub mod data;

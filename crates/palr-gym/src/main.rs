@@ -74,6 +74,7 @@ async fn run(cli: Cli) -> anyhow::Result<()> {
         Command::Runs(arguments) => command::runs::list(&arguments),
         Command::Plot(arguments) => command::runs::plot(&arguments),
         Command::Leakage(arguments) => command::leakage::run(arguments).await,
+        Command::Bench(arguments) => command::bench::run(arguments).await,
         Command::Demo(arguments) => command::demo::run(arguments).await,
         Command::Completions(arguments) => {
             command::completions::run(&arguments);

@@ -50,6 +50,9 @@ fn every_command_teaches_its_use() {
         "demo",
         "completions",
     ] {
+    for command in
+        ["serve", "envs", "collect", "evaluate", "leakage", "train", "bench", "demo", "completions"]
+    {
         let output = palr_gym(Path::new("."), &[command, "--help"]);
         let text = String::from_utf8(output.stdout).unwrap();
         assert!(output.status.success());
@@ -79,6 +82,10 @@ fn wrong_command_lines_and_requests_exit_with_64_and_say_what_was_expected() {
             &["collect", "--env", "hopper", "--transitions", "0", "--out", "a.hdf5"],
             "transitions is 0",
         ),
+        (&["bench", "step", "--env", "hoper"], "did you mean \"hopper\"?"),
+        (&["bench", "step", "--env", "hopper", "--num-envs", "0"], "num_envs is 0; expected 1 to"),
+        (&["bench", "latency", "--env", "hopper", "--seconds", "0"], "from 0.01 to 3600"),
+        (&["bench", "step", "--env", "hopper", "--in-flight", "65"], "65 is not in 1..=64"),
         (&["envs", "hopper-v9"], "the only version is v0"),
     ] {
         let said = refusal(arguments, 64);
