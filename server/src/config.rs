@@ -29,6 +29,8 @@ impl Default for ServerConfig {
 /// What clients may ask for at most.
 #[derive(Debug, Clone, Copy)]
 pub struct Limits {
+    /// Open connections.
+    pub max_connections: usize,
     /// Open sessions.
     pub max_sessions: usize,
     /// Environments in one session or rollout.
@@ -55,6 +57,12 @@ pub struct Limits {
     pub max_open_loop_steps: usize,
     /// Bytes in a snapshot.
     pub max_snapshot_bytes: usize,
+    /// Bytes of all large messages together that have begun to arrive.
+    pub max_arriving_bytes: usize,
+    /// How long a message may take to arrive.
+    pub message_deadline: Duration,
+    /// An evaluation or collection is given up when nobody reads its results for this long.
+    pub results_unread: Duration,
     /// Size and speed of policies.
     pub policy: PolicyLimits,
     /// A session without requests is closed after this long.
@@ -64,6 +72,7 @@ pub struct Limits {
 impl Default for Limits {
     fn default() -> Self {
         Self {
+            max_connections: 4096,
             max_sessions: 1024,
             max_envs_per_session: 4096,
             max_envs: 16_384,
@@ -77,6 +86,9 @@ impl Default for Limits {
             max_answer_bytes: 64 << 20,
             max_open_loop_steps: 1000,
             max_snapshot_bytes: 64 << 20,
+            max_arriving_bytes: 512 << 20,
+            message_deadline: Duration::from_secs(120),
+            results_unread: Duration::from_secs(60),
             policy: PolicyLimits::default(),
             session_idle: Duration::from_secs(600),
         }

@@ -38,7 +38,10 @@ fn tensor(dtype: v1::DataType, bytes: &[u8], shape: &[usize]) -> v1::Tensor {
 }
 
 /// A float32 or float64 tensor `[rows, columns]` with at most `max_rows` rows.
-pub(crate) fn matrix(
+///
+/// # Errors
+/// [`ServerError::Missing`] or [`ServerError::Array`].
+pub fn matrix(
     tensor: Option<&v1::Tensor>,
     field: &'static str,
     max_rows: usize,
@@ -81,16 +84,19 @@ pub(crate) fn matrix(
 
 /// The actions of one step, or of several.
 #[derive(Debug, PartialEq)]
-pub(crate) struct Actions {
+pub struct Actions {
     /// `[steps, num_envs, action_size]`.
-    pub(crate) values: Vec<f32>,
+    pub values: Vec<f32>,
     /// Set if the actions are those of an open loop.
-    pub(crate) open_loop: Option<usize>,
+    pub open_loop: Option<usize>,
 }
 
 /// The actions of a step, float32 `[num_envs, action_size]`, or of several,
 /// `[K, num_envs, action_size]`.
-pub(crate) fn actions(
+///
+/// # Errors
+/// [`ServerError::Missing`], [`ServerError::ActionDtype`] or [`ServerError::ActionShape`].
+pub fn actions(
     tensor: Option<&v1::Tensor>,
     num_envs: usize,
     action_size: usize,

@@ -97,6 +97,33 @@ pub enum ServerError {
         /// How many wait.
         queued: usize,
     },
+    /// The server is full.
+    #[error("this server has as many connections as it allows; close one or try again later")]
+    TooManyConnections,
+    /// More is being sent to the server than it can hold.
+    #[error(
+        "a message of {asked} bytes would make {} bytes that are arriving; this server allows {max} in all messages together; try again later", asked + arriving
+    )]
+    TooMuchArriving {
+        /// Size of the message.
+        asked: usize,
+        /// Sizes of those that are arriving.
+        arriving: usize,
+        /// The limit.
+        max: usize,
+    },
+    /// A message whose end did not come.
+    #[error("a message began and did not end within {deadline_s} s")]
+    TooSlow {
+        /// The limit.
+        deadline_s: u64,
+    },
+    /// Results that nobody reads.
+    #[error("the results were not read for {limit_s} s; the work was given up")]
+    NotRead {
+        /// The limit.
+        limit_s: u64,
+    },
     /// Too many evaluations and collections at once.
     #[error(
         "{running} evaluations and collections are running, as many as this server allows; try again later"

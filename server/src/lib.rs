@@ -14,8 +14,8 @@
 
 pub mod config;
 pub mod convert;
-pub mod encode;
 pub mod dm_env_rpc;
+pub mod encode;
 pub mod error;
 pub mod experts;
 pub mod leakage;

@@ -4,20 +4,22 @@ mod collection;
 mod dm_env_rpc;
 mod environment;
 mod evaluation;
+pub(crate) mod guard;
 mod leakage;
 mod rollouts;
 mod server_info;
 mod snapshot;
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 use palr_gym_sim::SimulationThreads;
 use tokio::sync::Semaphore;
 use tokio_util::sync::CancellationToken;
 
 use crate::config::Limits;
-use crate::encode::WireEncode;
 use crate::dm_env_rpc::Worlds;
+use crate::encode::WireEncode;
 use crate::sessions::Sessions;
 
 /// What the services share.
@@ -33,6 +35,16 @@ pub struct Services {
     pub threads: SimulationThreads,
     /// One permit for each evaluation or collection that may run.
     pub rollouts: Arc<Semaphore>,
+    /// Rollouts that are at work: not waiting for somebody to read what they have found.
+    pub rollouts_at_work: Arc<AtomicUsize>,
     /// Cancelled when the server begins to shut down.
     pub draining: CancellationToken,
+}
+
+impl Services {
+    /// True while something is computed, and not only waiting to be read.
+    #[must_use]
+    pub fn is_at_work(&self) -> bool {
+        self.rollouts_at_work.load(Ordering::Relaxed) > 0 || self.sessions.is_at_work()
+    }
 }

@@ -222,6 +222,11 @@ impl<E: Encode> Session<E> {
         self.snapshot_len
     }
 
+    /// True while a request is queued or worked on.
+    pub fn is_at_work(&self) -> bool {
+        self.lock_queue().is_scheduled
+    }
+
     /// How long ago it was last used; zero while it has work.
     pub fn idle(&self) -> Duration {
         if self.lock_queue().is_scheduled {

@@ -148,6 +148,11 @@ impl<E: Encode> Sessions<E> {
         reaped.len()
     }
 
+    /// True while a request of any session is queued or worked on.
+    pub fn is_at_work(&self) -> bool {
+        self.lock().sessions.values().any(|session| session.is_at_work())
+    }
+
     /// From now on no session is opened.
     pub fn drain(&self) {
         self.lock().is_draining = true;

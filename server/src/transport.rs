@@ -1,9 +1,11 @@
 //! Listening, health, reflection, draining.
 
+mod connection;
+
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use palr_gym_proto::FILE_DESCRIPTOR_SET;
 use palr_gym_proto::dm_env_rpc::v1::environment_server::EnvironmentServer;
@@ -14,11 +16,12 @@ use palr_gym_proto::v1::leakage_service_server::LeakageServiceServer;
 use palr_gym_proto::v1::server_service_server::ServerServiceServer;
 use palr_gym_proto::v1::snapshot_service_server::SnapshotServiceServer;
 use palr_gym_sim::SimulationThreads;
+use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::{TcpListener, UnixListener};
 use tokio::sync::Semaphore;
 use tokio::task::JoinSet;
-use tokio_stream::StreamExt;
 use tokio_stream::wrappers::UnixListenerStream;
+use tokio_stream::{Stream, StreamExt};
 use tokio_util::sync::CancellationToken;
 use tonic::server::NamedService;
 use tonic::service::Routes;
@@ -26,16 +29,28 @@ use tonic::transport::server::TcpIncoming;
 use tonic_health::ServingStatus;
 use tonic_health::server::HealthReporter;
 
+use self::connection::Admissions;
 use crate::config::ServerConfig;
 use crate::dm_env_rpc::Worlds;
 use crate::error::ServerError;
 use crate::services::Services;
+use crate::services::guard::GuardLayer;
 use crate::sessions::Sessions;
 
 /// How often idle sessions are looked for.
 const REAP_PERIOD: Duration = Duration::from_secs(5);
 /// How often an open connection is asked whether its client still lives.
 const KEEPALIVE_PERIOD: Duration = Duration::from_secs(30);
+/// How long its client may take to answer that.
+const KEEPALIVE_TIMEOUT: Duration = Duration::from_secs(20);
+/// Calls and streams on one connection.
+const MAX_STREAMS: u32 = 256;
+/// Headers of one call.
+const MAX_HEADER_BYTES: u32 = 16 << 10;
+/// When everything has been computed, a shutdown waits this long for clients to read it.
+const READING_TIME: Duration = Duration::from_secs(2);
+/// How often a shutdown looks whether something is still being computed.
+const DRAIN_LOOK: Duration = Duration::from_millis(50);
 /// HTTP/2 flow-control windows: a step of 4096 environments should not wait for credit.
 const STREAM_WINDOW_BYTES: u32 = 4 << 20;
 const CONNECTION_WINDOW_BYTES: u32 = 16 << 20;
@@ -158,6 +173,7 @@ impl Server {
             worlds: Arc::new(Worlds::new(config.limits.max_sessions, config.limits.session_idle)),
             limits: config.limits,
             threads,
+            rollouts_at_work: Arc::default(),
             rollouts: Arc::new(Semaphore::new(config.limits.max_rollouts)),
             draining: CancellationToken::new(),
         };
@@ -177,10 +193,17 @@ impl Server {
         let (health, health_service) = tonic_health::server::health_reporter();
         report(&health, ServingStatus::Serving).await;
         let routes = self.routes()?.add_service(health_service);
+        let limits = &self.config.limits;
+        let hang_up = CancellationToken::new();
+        let face = Face {
+            routes,
+            guard: GuardLayer::new(limits.max_arriving_bytes, limits.message_deadline),
+            admissions: Admissions::new(limits.max_connections, hang_up.clone()),
+            draining: self.services.draining.clone(),
+        };
         let mut servers = JoinSet::new();
         for listener in listeners {
-            let draining = self.services.draining.clone();
-            servers.spawn(serve_on(routes.clone(), listener, draining));
+            servers.spawn(face.clone().serve_on(listener));
         }
         let reaper = tokio::spawn(reap(self.services.clone()));
         tokio::pin!(shutdown);
@@ -192,12 +215,17 @@ impl Server {
         report(&health, ServingStatus::NotServing).await;
         self.services.sessions.drain();
         self.services.draining.cancel();
-        let drained = tokio::time::timeout(self.config.drain_timeout, async {
-            while servers.join_next().await.is_some() {}
-        });
-        if drained.await.is_err() {
-            tracing::warn!(timeout = ?self.config.drain_timeout, "connections still open; closing them");
+        let is_drained = tokio::select! {
+            () = async { while servers.join_next().await.is_some() {} } => true,
+            () = tokio::time::sleep(self.config.drain_timeout) => false,
+            () = unread(&self.services) => false,
+        };
+        if !is_drained {
+            tracing::warn!(
+                "clients do not read their answers or do not hang up; closing their connections"
+            );
         }
+        hang_up.cancel();
         reaper.abort();
         match early_end {
             Some(Ok(Err(error))) => Err(error.into()),
@@ -262,32 +290,62 @@ async fn report(health: &HealthReporter, status: ServingStatus) {
     }
 }
 
-async fn serve_on(
+/// Returns when everything has been computed and clients have had time to read it.
+async fn unread(services: &Services) {
+    let mut finished = Instant::now();
+    while finished.elapsed() < READING_TIME {
+        tokio::time::sleep(DRAIN_LOOK).await;
+        if services.is_at_work() {
+            finished = Instant::now();
+        }
+    }
+}
+
+/// What every listener shows.
+#[derive(Clone)]
+struct Face {
     routes: Routes,
-    listener: Listener,
+    guard: GuardLayer,
+    admissions: Admissions,
     draining: CancellationToken,
-) -> Result<(), tonic::transport::Error> {
-    let router = tonic::transport::Server::builder()
-        .initial_stream_window_size(STREAM_WINDOW_BYTES)
-        .initial_connection_window_size(CONNECTION_WINDOW_BYTES)
-        .http2_keepalive_interval(Some(KEEPALIVE_PERIOD))
-        .add_routes(routes);
-    let shutdown = draining.cancelled_owned();
-    match listener {
-        Listener::Tcp(listener) => {
-            let incoming = TcpIncoming::from(listener).with_nodelay(Some(true));
-            router.serve_with_incoming_shutdown(incoming, shutdown).await
+}
+
+impl Face {
+    async fn serve_on(self, listener: Listener) -> Result<(), tonic::transport::Error> {
+        match listener {
+            Listener::Tcp(listener) => {
+                self.serve(TcpIncoming::from(listener).with_nodelay(Some(true))).await
+            }
+            Listener::Unix(listener, _file) => self.serve(UnixListenerStream::new(listener)).await,
+            Listener::InProcess(stream) => {
+                // The end of the incoming connections would be taken for the end of the server.
+                let only = tokio_stream::once(Ok::<_, std::io::Error>(stream));
+                self.serve(only.chain(tokio_stream::pending())).await
+            }
         }
-        Listener::Unix(listener, _file) => {
-            let incoming = UnixListenerStream::new(listener);
-            router.serve_with_incoming_shutdown(incoming, shutdown).await
-        }
-        Listener::InProcess(stream) => {
-            // The end of the incoming connections would be taken for the end of the server.
-            let only = tokio_stream::once(Ok::<_, std::io::Error>(stream));
-            let incoming = only.chain(tokio_stream::pending());
-            router.serve_with_incoming_shutdown(incoming, shutdown).await
-        }
+    }
+
+    async fn serve<IO>(
+        self,
+        incoming: impl Stream<Item = std::io::Result<IO>> + Send,
+    ) -> Result<(), tonic::transport::Error>
+    where
+        IO: AsyncRead + AsyncWrite + Unpin + Send + 'static,
+    {
+        tonic::transport::Server::builder()
+            .initial_stream_window_size(STREAM_WINDOW_BYTES)
+            .initial_connection_window_size(CONNECTION_WINDOW_BYTES)
+            .max_concurrent_streams(MAX_STREAMS)
+            .http2_max_header_list_size(MAX_HEADER_BYTES)
+            .http2_keepalive_interval(Some(KEEPALIVE_PERIOD))
+            .http2_keepalive_timeout(Some(KEEPALIVE_TIMEOUT))
+            .layer(self.guard)
+            .add_routes(self.routes)
+            .serve_with_incoming_shutdown(
+                self.admissions.admit(incoming),
+                self.draining.cancelled_owned(),
+            )
+            .await
     }
 }
 

@@ -116,6 +116,9 @@ pub struct ServeArguments {
     /// Simulation threads [default: one a core].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     pub threads: Option<u16>,
+    /// Most connections at once.
+    #[arg(long, value_name = "N", default_value_t = 4096)]
+    pub max_connections: usize,
     /// Most sessions open at once.
     #[arg(long, value_name = "N", default_value_t = 1024)]
     pub max_sessions: usize,

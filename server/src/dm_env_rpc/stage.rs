@@ -5,7 +5,7 @@ use std::sync::Arc;
 use palr_gym_core::{AutoresetMode, EnvSpec, OutOfBounds};
 use palr_gym_sim::{VectorOptions, resolve};
 
-use crate::convert::{WireAnswer, WireEncode};
+use crate::encode::{WireAnswer, WireEncode};
 use crate::error::ServerError;
 use crate::session::{Command, Session};
 use crate::sessions::Sessions;
@@ -82,7 +82,7 @@ impl Stage for SessionStage {
         };
         // If the caller goes meanwhile, the environment is dropped with the task's result.
         let opened = tokio::task::spawn_blocking(move || {
-            let session = sessions.open(&env_id, 1, options, WireEncode)?;
+            let session = sessions.open(&env_id, 1, options, WireEncode::default())?;
             let session_id = session.id().to_string();
             Ok(SessionEnv { session_id, spec: session.spec().clone(), sessions })
         });
@@ -108,7 +108,7 @@ impl Env for SessionEnv {
         let command = Command::Reset { seeds: seed.into_iter().collect(), env_indices: vec![] };
         match self.ask(command).await? {
             WireAnswer::Reset(answer) => Ok(floats(answer.observations)),
-            WireAnswer::Step(_) => Err(mismatch()),
+            _ => Err(mismatch()),
         }
     }
 
@@ -120,7 +120,7 @@ impl Env for SessionEnv {
                 terminated: is_set(answer.terminated),
                 truncated: is_set(answer.truncated),
             }),
-            WireAnswer::Reset(_) => Err(mismatch()),
+            _ => Err(mismatch()),
         }
     }
 }

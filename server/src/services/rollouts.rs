@@ -2,11 +2,16 @@
 //! results that ends the work when its reader goes.
 
 use std::pin::Pin;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
 
 use futures_util::Stream;
 use palr_gym_core::ActionMode;
 use palr_gym_sim::tasks::resolve;
+use tokio::runtime::Handle;
 use tokio::sync::mpsc;
+use tokio::sync::mpsc::error::{SendTimeoutError, TrySendError};
 use tokio_stream::wrappers::ReceiverStream;
 use tokio_util::sync::{CancellationToken, DropGuard};
 use tonic::Status;
@@ -23,12 +28,42 @@ pub(super) type ResultStream<T> = Pin<Box<dyn Stream<Item = Result<T, Status>> +
 /// Where a rollout puts its results.
 pub(super) struct Results<T> {
     sender: mpsc::Sender<Result<T, Status>>,
+    at_work: Arc<AtomicUsize>,
+    unread: Duration,
+    /// The reader was waited for in vain.
+    is_unread: AtomicBool,
 }
 
 impl<T> Results<T> {
-    /// Hands on one result; `false` if nobody reads any more.
+    /// Hands on one result; `false` if nobody reads any more, or not for a long time.
     pub(super) fn send(&self, result: T) -> bool {
-        self.sender.blocking_send(Ok(result)).is_ok()
+        let result = match self.sender.try_send(Ok(result)) {
+            Err(TrySendError::Full(result)) => result,
+            sent => return sent.is_ok(),
+        };
+        self.at_work.fetch_sub(1, Ordering::Relaxed);
+        let sent = Handle::current().block_on(self.sender.send_timeout(result, self.unread));
+        self.at_work.fetch_add(1, Ordering::Relaxed);
+        if let Err(SendTimeoutError::Timeout(_)) = sent {
+            self.is_unread.store(true, Ordering::Relaxed);
+        }
+        sent.is_ok()
+    }
+}
+
+/// Counts a rollout as at work until it is dropped.
+struct AtWork(Arc<AtomicUsize>);
+
+impl AtWork {
+    fn begin(count: &Arc<AtomicUsize>) -> Self {
+        count.fetch_add(1, Ordering::Relaxed);
+        Self(Arc::clone(count))
+    }
+}
+
+impl Drop for AtWork {
+    fn drop(&mut self) {
+        self.0.fetch_sub(1, Ordering::Relaxed);
     }
 }
 
@@ -41,9 +76,13 @@ pub(super) struct RolloutRequest {
     pub(super) seed: u64,
 }
 
+/// Why the work ended early. Not among the results: there may be no room left for it.
+type Failure = Arc<Mutex<Option<Status>>>;
+
 /// A stream that cancels its rollout when it is dropped.
 struct Guarded<T> {
     results: ReceiverStream<Result<T, Status>>,
+    failure: Failure,
     _guard: DropGuard,
 }
 
@@ -54,8 +93,14 @@ impl<T> Stream for Guarded<T> {
         mut self: Pin<&mut Self>,
         context: &mut std::task::Context<'_>,
     ) -> std::task::Poll<Option<Self::Item>> {
-        Pin::new(&mut self.results).poll_next(context)
+        let polled = Pin::new(&mut self.results).poll_next(context);
+        polled.map(|result| result.or_else(|| lock(&self.failure).take().map(Err)))
     }
+}
+
+fn lock(failure: &Failure) -> std::sync::MutexGuard<'_, Option<Status>> {
+    // Nothing panics while it holds the lock.
+    failure.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl Services {
@@ -76,7 +121,7 @@ impl Services {
         }
         let (task, spec) = resolve(&request.env_id)?;
         let running = self.limits.max_rollouts;
-        let permit = std::sync::Arc::clone(&self.rollouts)
+        let permit = Arc::clone(&self.rollouts)
             .try_acquire_owned()
             .map_err(|_| ServerError::TooManyRollouts { running })?;
         let cancelled = CancellationToken::new();
@@ -98,6 +143,8 @@ impl Services {
         let mut actor = actor?;
 
         let (sender, receiver) = mpsc::channel(QUEUED_RESULTS);
+        let failure = Failure::default();
+        let told = Arc::clone(&failure);
         let draining = self.draining.clone();
         let on_drain = cancelled.clone();
         let watch = tokio::spawn(async move {
@@ -105,9 +152,11 @@ impl Services {
             on_drain.cancel();
         });
         let draining = self.draining.clone();
+        let (at_work, unread) = (Arc::clone(&self.rollouts_at_work), self.limits.results_unread);
         tokio::task::spawn_blocking(move || {
             let _permit = permit;
-            let results = Results { sender };
+            let _at_work = AtWork::begin(&at_work);
+            let results = Results { sender, at_work, unread, is_unread: AtomicBool::new(false) };
             let run = std::panic::AssertUnwindSafe(|| work(&plan, &mut actor, &results));
             let end = std::panic::catch_unwind(run)
                 .unwrap_or_else(|_| Err(ServerError::Internal("the rollout panicked".into())));
@@ -115,14 +164,17 @@ impl Services {
             if let Err(error) = end {
                 let error = match error {
                     ServerError::Cancelled if draining.is_cancelled() => ServerError::Draining,
+                    ServerError::Cancelled if results.is_unread.load(Ordering::Relaxed) => {
+                        ServerError::NotRead { limit_s: unread.as_secs() }
+                    }
                     error => error,
                 };
-                // Nobody may be left to be told.
-                let _ = results.sender.blocking_send(Err(error.into()));
+                *lock(&told) = Some(error.into());
             }
         });
         Ok(Box::pin(Guarded {
             results: ReceiverStream::new(receiver),
+            failure,
             _guard: cancelled.drop_guard(),
         }))
     }

@@ -27,6 +27,7 @@ pub async fn run(arguments: ServeArguments) -> anyhow::Result<()> {
     let config = ServerConfig {
         simulation_threads: arguments.threads.map_or(defaults.simulation_threads, usize::from),
         limits: Limits {
+            max_connections: arguments.max_connections,
             max_sessions: arguments.max_sessions,
             max_envs_per_session: arguments.max_envs_per_session,
             session_idle: Duration::from_secs(arguments.session_idle),
