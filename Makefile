@@ -37,13 +37,16 @@ bench: setup
 	cargo build --release -p palr-gym -p palr-gym-bench
 	[ -x .venv-bench/bin/python ] || python3 -m venv .venv-bench
 	.venv-bench/bin/python -m pip install -q --disable-pip-version-check -r requirements/bench.txt ./client-py
+	.venv-bench/bin/python -m pip install -q --disable-pip-version-check --no-deps -r requirements/remote-gym.txt
 	.venv-bench/bin/python -m bench.run $(if $(ONLY),--only $(ONLY))
 
-## Tries heavy peers that `make test` does without: torch exports a policy, SB3 trains. Gigabytes.
+## Tries heavy peers that `make test` does without: torch, stable-baselines3, a CleanRL-style loop,
+## remote-gym. Gigabytes.
 compat: setup
 	cargo build -p palr-gym
 	[ -x .venv-compat/bin/python ] || python3 -m venv .venv-compat
 	.venv-compat/bin/python -m pip install -q --disable-pip-version-check -r requirements/compat.txt ./client-py
+	.venv-compat/bin/python -m pip install -q --disable-pip-version-check --no-deps -r requirements/remote-gym.txt
 	.venv-compat/bin/python -m pytest tests/compat -W default
 
 ## Regenerates the Python stubs after a change of proto/.

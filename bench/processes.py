@@ -72,6 +72,20 @@ def listening(*command: str) -> Generator[str]:
     Raises:
         ContenderError: It did not get that far.
     """
+    with started(*command) as (address, _):
+        yield address
+
+
+@contextlib.contextmanager
+def started(*command: str) -> Generator[tuple[str, int]]:
+    """Like `listening`.
+
+    Yields:
+        Its address and its process.
+
+    Raises:
+        ContenderError: It did not get that far.
+    """
     with tempfile.TemporaryDirectory(prefix="palr-bench-") as folder:
         socket = Path(folder) / "server.sock"
         log = Path(folder) / "log"
@@ -87,7 +101,7 @@ def listening(*command: str) -> Generator[str]:
             if not _says_something(process):
                 tail = log.read_text(encoding="utf-8", errors="replace")[-_LOG_TAIL_CHARACTERS:]
                 raise ContenderError(f"`{' '.join(command)}` does not listen:\n{tail}")
-            yield f"unix:{socket}"
+            yield f"unix:{socket}", process.pid
         finally:
             process.terminate()
             try:

@@ -1,9 +1,15 @@
 """One module for each first part of a name, and a line here."""
 
-from bench.families import latency, start, step, train
+from bench.families import idle, latency, start, step, train
 from bench.plan import Group
 
 
 def groups() -> list[Group]:
     """Everything that can be measured."""
-    return [*step.groups(), *latency.groups(), *start.groups(), *train.groups()]
+    return [
+        *step.groups(),
+        *latency.groups(),
+        *start.groups(),
+        *idle.groups(),
+        *train.groups(),
+    ]
