@@ -7,7 +7,7 @@
 //! - [`connection`]: the state machine of one connection; knows neither gRPC nor simulation.
 //! - [`worlds`]: every world of a server.
 //! - [`stage`]: where a connection's environment comes from.
-//! - [`settings`], [`tensors`]: what comes in, checked; specs and observations going out.
+//! - `settings`, `tensors`: what comes in, checked; specs and observations going out.
 //! - [`error`]: what a client can do wrong.
 
 pub mod connection;

@@ -1,7 +1,7 @@
 //! The command line, as people read it in `--help`.
 
-pub mod data;
 pub mod bench;
+pub mod data;
 pub mod demo;
 pub mod runs;
 pub mod train;

@@ -6,9 +6,11 @@ import type { Status as _google_rpc_Status, Status__Output as _google_rpc_Status
 import type { BoxSpace as _palr_gym_v1_BoxSpace, BoxSpace__Output as _palr_gym_v1_BoxSpace__Output } from './palr_gym/v1/BoxSpace.js';
 import type { CloseSessionRequest as _palr_gym_v1_CloseSessionRequest, CloseSessionRequest__Output as _palr_gym_v1_CloseSessionRequest__Output } from './palr_gym/v1/CloseSessionRequest.js';
 import type { CloseSessionResponse as _palr_gym_v1_CloseSessionResponse, CloseSessionResponse__Output as _palr_gym_v1_CloseSessionResponse__Output } from './palr_gym/v1/CloseSessionResponse.js';
+import type { DivergedEpisode as _palr_gym_v1_DivergedEpisode, DivergedEpisode__Output as _palr_gym_v1_DivergedEpisode__Output } from './palr_gym/v1/DivergedEpisode.js';
 import type { EnvironmentServiceClient as _palr_gym_v1_EnvironmentServiceClient, EnvironmentServiceDefinition as _palr_gym_v1_EnvironmentServiceDefinition } from './palr_gym/v1/EnvironmentService.js';
 import type { EnvironmentSpec as _palr_gym_v1_EnvironmentSpec, EnvironmentSpec__Output as _palr_gym_v1_EnvironmentSpec__Output } from './palr_gym/v1/EnvironmentSpec.js';
 import type { Expert as _palr_gym_v1_Expert, Expert__Output as _palr_gym_v1_Expert__Output } from './palr_gym/v1/Expert.js';
+import type { FidelityProfile as _palr_gym_v1_FidelityProfile, FidelityProfile__Output as _palr_gym_v1_FidelityProfile__Output } from './palr_gym/v1/FidelityProfile.js';
 import type { GetEnvironmentSpecRequest as _palr_gym_v1_GetEnvironmentSpecRequest, GetEnvironmentSpecRequest__Output as _palr_gym_v1_GetEnvironmentSpecRequest__Output } from './palr_gym/v1/GetEnvironmentSpecRequest.js';
 import type { GetEnvironmentSpecResponse as _palr_gym_v1_GetEnvironmentSpecResponse, GetEnvironmentSpecResponse__Output as _palr_gym_v1_GetEnvironmentSpecResponse__Output } from './palr_gym/v1/GetEnvironmentSpecResponse.js';
 import type { ListTasksRequest as _palr_gym_v1_ListTasksRequest, ListTasksRequest__Output as _palr_gym_v1_ListTasksRequest__Output } from './palr_gym/v1/ListTasksRequest.js';
@@ -46,9 +48,13 @@ export interface ProtoGrpcType {
       CloseSessionRequest: MessageTypeDefinition<_palr_gym_v1_CloseSessionRequest, _palr_gym_v1_CloseSessionRequest__Output>
       CloseSessionResponse: MessageTypeDefinition<_palr_gym_v1_CloseSessionResponse, _palr_gym_v1_CloseSessionResponse__Output>
       DataType: EnumTypeDefinition
+      DivergedEpisode: MessageTypeDefinition<_palr_gym_v1_DivergedEpisode, _palr_gym_v1_DivergedEpisode__Output>
+      Divergence: EnumTypeDefinition
       EnvironmentService: SubtypeConstructor<typeof grpc.Client, _palr_gym_v1_EnvironmentServiceClient> & { service: _palr_gym_v1_EnvironmentServiceDefinition }
       EnvironmentSpec: MessageTypeDefinition<_palr_gym_v1_EnvironmentSpec, _palr_gym_v1_EnvironmentSpec__Output>
       Expert: MessageTypeDefinition<_palr_gym_v1_Expert, _palr_gym_v1_Expert__Output>
+      Fidelity: EnumTypeDefinition
+      FidelityProfile: MessageTypeDefinition<_palr_gym_v1_FidelityProfile, _palr_gym_v1_FidelityProfile__Output>
       GetEnvironmentSpecRequest: MessageTypeDefinition<_palr_gym_v1_GetEnvironmentSpecRequest, _palr_gym_v1_GetEnvironmentSpecRequest__Output>
       GetEnvironmentSpecResponse: MessageTypeDefinition<_palr_gym_v1_GetEnvironmentSpecResponse, _palr_gym_v1_GetEnvironmentSpecResponse__Output>
       ListTasksRequest: MessageTypeDefinition<_palr_gym_v1_ListTasksRequest, _palr_gym_v1_ListTasksRequest__Output>

@@ -1,25 +1,21 @@
 //! Environments that are light: what they show is who they are.
 
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, LazyLock, Mutex, PoisonError};
 
 use palr_gym_core::EnvSpec;
 use palr_gym_server::ServerError;
 use palr_gym_server::dm_env_rpc::{Env, Outcome, Stage};
 use palr_gym_sim::{SimError, resolve};
 
+/// What all of them are.
+static SPEC: LazyLock<EnvSpec> = LazyLock::new(|| resolve("hopper").expect("a task of ours").1);
+
 /// Numbers its environments, and counts those that are open.
+#[derive(Default)]
 pub(super) struct FakeStage {
-    spec: EnvSpec,
     opened: AtomicU64,
     open: Arc<AtomicUsize>,
-}
-
-impl Default for FakeStage {
-    fn default() -> Self {
-        let (_, spec) = resolve("hopper").expect("a task of ours");
-        Self { spec, opened: AtomicU64::new(0), open: Arc::default() }
-    }
 }
 
 impl FakeStage {
@@ -29,7 +25,6 @@ impl FakeStage {
 }
 
 pub(super) struct FakeEnv {
-    spec: EnvSpec,
     /// Number, seed (-1: none), steps.
     shown: Mutex<[f64; 3]>,
     open: Arc<AtomicUsize>,
@@ -46,7 +41,7 @@ impl FakeEnv {
         let mut shown = self.shown.lock().unwrap_or_else(PoisonError::into_inner);
         change(&mut shown);
         let mut observation = shown.to_vec();
-        observation.resize(self.spec.observation_size(), 0.0);
+        observation.resize(SPEC.observation_size(), 0.0);
         observation
     }
 }
@@ -65,13 +60,13 @@ impl Stage for FakeStage {
         let number = self.opened.fetch_add(1, Ordering::Relaxed) + 1;
         self.open.fetch_add(1, Ordering::Relaxed);
         let shown = Mutex::new([number as f64, -1.0, 0.0]);
-        Ok(FakeEnv { spec: self.spec.clone(), shown, open: Arc::clone(&self.open) })
+        Ok(FakeEnv { shown, open: Arc::clone(&self.open) })
     }
 }
 
 impl Env for FakeEnv {
     fn spec(&self) -> &EnvSpec {
-        &self.spec
+        &SPEC
     }
 
     async fn reset(&self, seed: Option<u64>) -> Result<Vec<f64>, ServerError> {
@@ -83,7 +78,7 @@ impl Env for FakeEnv {
 
     /// Entries close to a bound end the episode: the first terminates, the second truncates.
     async fn step(&self, action: Vec<f32>) -> Result<Outcome, ServerError> {
-        assert_eq!(action.len(), self.spec.action_size());
+        assert_eq!(action.len(), SPEC.action_size());
         if let Some(index) = action.iter().position(|entry| !(-1.0..=1.0).contains(entry)) {
             return Err(SimError::ActionNan { env_index: 0, index, name: "entry" }.into());
         }

@@ -3,6 +3,7 @@
 import type { Mask as _palr_gym_v1_Mask, Mask__Output as _palr_gym_v1_Mask__Output } from '../../palr_gym/v1/Mask.js';
 import type { BoxSpace as _palr_gym_v1_BoxSpace, BoxSpace__Output as _palr_gym_v1_BoxSpace__Output } from '../../palr_gym/v1/BoxSpace.js';
 import type { ReferenceReturns as _palr_gym_v1_ReferenceReturns, ReferenceReturns__Output as _palr_gym_v1_ReferenceReturns__Output } from '../../palr_gym/v1/ReferenceReturns.js';
+import type { Fidelity as _palr_gym_v1_Fidelity, Fidelity__Output as _palr_gym_v1_Fidelity__Output } from '../../palr_gym/v1/Fidelity.js';
 
 export interface EnvironmentSpec {
   'envId'?: (string);
@@ -19,6 +20,9 @@ export interface EnvironmentSpec {
   'referenceReturns'?: (_palr_gym_v1_ReferenceReturns | null);
   'hasExpert'?: (boolean);
   'maskIndices'?: (number)[];
+  'fidelity'?: (_palr_gym_v1_Fidelity);
+  'equals'?: (string);
+  'resetInfoNames'?: (string)[];
 }
 
 export interface EnvironmentSpec__Output {
@@ -36,4 +40,7 @@ export interface EnvironmentSpec__Output {
   'referenceReturns': (_palr_gym_v1_ReferenceReturns__Output | null);
   'hasExpert': (boolean);
   'maskIndices': (number)[];
+  'fidelity': (_palr_gym_v1_Fidelity__Output);
+  'equals': (string);
+  'resetInfoNames': (string)[];
 }

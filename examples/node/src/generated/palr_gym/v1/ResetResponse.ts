@@ -4,8 +4,10 @@ import type { Tensor as _palr_gym_v1_Tensor, Tensor__Output as _palr_gym_v1_Tens
 
 export interface ResetResponse {
   'observations'?: (_palr_gym_v1_Tensor | null);
+  'info'?: (_palr_gym_v1_Tensor | null);
 }
 
 export interface ResetResponse__Output {
   'observations': (_palr_gym_v1_Tensor__Output | null);
+  'info': (_palr_gym_v1_Tensor__Output | null);
 }

@@ -1,6 +1,7 @@
 // Original file: ../../proto/palr_gym/v1/environment_service.proto
 
 import type { Tensor as _palr_gym_v1_Tensor, Tensor__Output as _palr_gym_v1_Tensor__Output } from '../../palr_gym/v1/Tensor.js';
+import type { DivergedEpisode as _palr_gym_v1_DivergedEpisode, DivergedEpisode__Output as _palr_gym_v1_DivergedEpisode__Output } from '../../palr_gym/v1/DivergedEpisode.js';
 
 export interface StepResponse {
   'observations'?: (_palr_gym_v1_Tensor | null);
@@ -9,6 +10,8 @@ export interface StepResponse {
   'truncated'?: (_palr_gym_v1_Tensor | null);
   'info'?: (_palr_gym_v1_Tensor | null);
   'finalObservations'?: (_palr_gym_v1_Tensor | null);
+  'resetInfo'?: (_palr_gym_v1_Tensor | null);
+  'diverged'?: (_palr_gym_v1_DivergedEpisode)[];
 }
 
 export interface StepResponse__Output {
@@ -18,4 +21,6 @@ export interface StepResponse__Output {
   'truncated': (_palr_gym_v1_Tensor__Output | null);
   'info': (_palr_gym_v1_Tensor__Output | null);
   'finalObservations': (_palr_gym_v1_Tensor__Output | null);
+  'resetInfo': (_palr_gym_v1_Tensor__Output | null);
+  'diverged': (_palr_gym_v1_DivergedEpisode__Output)[];
 }
