@@ -30,6 +30,7 @@ const ARROWS: &[(&str, &[&str])] = &[
         &[
             "palr-gym-core",
             "palr-gym-data",
+            "palr-gym-leakage",
             "palr-gym-proto",
             "palr-gym-server",
             "palr-gym-sim",
