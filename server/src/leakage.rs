@@ -69,11 +69,19 @@ pub fn estimate(
     refuse_constant("past_action", past_actions.as_ref())?;
     refuse_constant("given_action", given_actions.as_ref())?;
     let representation = match subject {
+        // Some of its columns may never vary: units die. A policy that always does the same leaks
+        // nothing, and may be asked.
         Subject::Representation(representation) => {
-            refuse_constant("representation", representation.as_ref())?;
+            let columns = representation.ncols();
+            let is_varied = |column| {
+                let one = representation.as_ref().subcols(column, 1);
+                refuse_constant("representation", one).is_ok()
+            };
+            if columns > 0 && !(0..columns).any(is_varied) {
+                refuse_constant("representation", representation.as_ref())?;
+            }
             representation
         }
-        // A policy that always does the same leaks nothing, and may be asked.
         Subject::Policy(policy) => policy.act(options.seed)?,
     };
     let hscic = hscic(

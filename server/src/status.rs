@@ -96,7 +96,14 @@ fn place_leakage(error: &LeakageError) -> Place {
         LeakageError::TooFew { .. } => invalid("SAMPLE_COUNT", "representation"),
         LeakageError::NoColumns { .. } => invalid("ARRAY_SHAPE", "representation"),
         LeakageError::NotFinite { .. } => invalid("ARRAY_NOT_FINITE", "representation"),
-        LeakageError::Constant { .. } => invalid("ARRAY_CONSTANT", "past_actions"),
+        LeakageError::Constant { name, .. } => invalid(
+            "ARRAY_CONSTANT",
+            match *name {
+                "past_action" => "past_actions",
+                "given_action" => "given_actions",
+                other => other,
+            },
+        ),
         LeakageError::NotPositive { .. } => invalid("OUT_OF_RANGE", "ridge"),
         LeakageError::Singular { .. } => invalid("SINGULAR", "ridge"),
         LeakageError::Blocks { .. } => invalid("EPISODE_LENGTHS", "episode_lengths"),

@@ -11,7 +11,7 @@ import pytest
 from support.server_process import binary
 
 # The reader's own imports warn.
-pytestmark = pytest.mark.filterwarnings("ignore")
+pytestmark = [pytest.mark.filterwarnings("ignore"), pytest.mark.timeout(240)]
 
 _NAMES = {
     "batch/nll": "batch_nll",

@@ -38,6 +38,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use palr_gym_proto::v1;
 use serde::Serialize;
 use tokio::sync::mpsc::UnboundedSender;
 
@@ -48,7 +49,8 @@ use crate::imitate::data::{Prepared, prepare};
 use crate::imitate::manifest::Manifest;
 use crate::imitate::records::{EvaluationRecord, Metrics, Recorder};
 use crate::imitate::settings::Settings;
-use crate::learning::train;
+use crate::learning::train::{CHECKPOINT_FILE, ONNX_FILE, SAFETENSORS_FILE};
+use crate::learning::{checkpoint, train};
 use crate::runs::Run;
 
 /// The settings of a run, in its folder, as a file for `--config`.
@@ -101,8 +103,9 @@ impl Imitation {
         git_revision: Option<&str>,
     ) -> Result<Self, ClientError> {
         let prepared = prepare(client, &settings).await?;
+        let server = client.server_info().await?;
         let run = Run::create(parent)?;
-        Self::begin(client, run, settings, prepared, git_revision).await
+        Self::begin(run, settings, prepared, &server, git_revision)
     }
 
     /// As [`Self::start`], in a folder that the caller owns; it must not hold a run.
@@ -116,19 +119,19 @@ impl Imitation {
         git_revision: Option<&str>,
     ) -> Result<Self, ClientError> {
         let prepared = prepare(client, &settings).await?;
+        let server = client.server_info().await?;
         let run = Run::at(folder)?;
-        Self::begin(client, run, settings, prepared, git_revision).await
+        Self::begin(run, settings, prepared, &server, git_revision)
     }
 
-    async fn begin(
-        client: &Client,
+    fn begin(
         run: Run,
         settings: Settings,
         prepared: Prepared,
+        server: &v1::GetServerInfoResponse,
         git_revision: Option<&str>,
     ) -> Result<Self, ClientError> {
-        let server = client.server_info().await?;
-        let manifest = Manifest::new(&settings, &prepared, &server, git_revision);
+        let manifest = Manifest::new(&settings, &prepared, server, git_revision);
         run.write_json(manifest::FILE, &manifest)?;
         write_settings(&run, &settings)?;
         Ok(Self { run, settings, prepared, is_resumed: false })
@@ -150,6 +153,16 @@ impl Imitation {
         stored.check_continued(run.folder(), &settings)?;
         let prepared = prepare(client, &settings).await?;
         manifest.check_data(run.folder(), &prepared)?;
+        let steps = settings.train.steps;
+        match recorded_steps(run.folder())? {
+            Some(taken) if taken > steps => {
+                let message = format!("has {taken} steps already; steps is {steps}");
+                return Err(ClientError::RunFolder { path: run.folder().into(), message });
+            }
+            // What the shorter run left is not what this one will leave.
+            taken if taken.is_none_or(|taken| taken < steps) => remove_policy(&run)?,
+            _ => {}
+        }
         manifest.settings = settings.to_json();
         run.write_json(manifest::FILE, &manifest)?;
         write_settings(&run, &settings)?;
@@ -185,16 +198,53 @@ impl Imitation {
         let recorder = Recorder::open(&folder, is_resumed)?;
         let beside = Beside::start(client.clone(), &settings, &folder, events.clone())?;
         let training = tokio::task::spawn_blocking(move || {
-            learn(&run, &settings, &prepared, recorder, beside, &is_stopped, &events)
+            let mut beside = beside;
+            let outcome =
+                learn(&run, &settings, &prepared, recorder, &mut beside, &is_stopped, &events);
+            (run, outcome, beside)
         });
-        let (mut outcome, beside) = training.await.map_err(|error| ClientError::Panicked {
+        let (run, outcome, beside) = training.await.map_err(|error| ClientError::Panicked {
             what: "the trainer",
             message: error.to_string(),
-        })??;
-        // The last evaluations may still be under way.
-        outcome.evaluation = beside.finish().await?;
+        })?;
+        let evaluation = match &outcome {
+            // The last evaluations may still be under way; or it was one of them that failed.
+            Ok(_) | Err(ClientError::EvaluationStopped { .. }) => beside.finish().await,
+            Err(_) => {
+                beside.abort();
+                Ok(None)
+            }
+        };
+        // Nobody else may write in the folder before that.
+        drop(run);
+        let mut outcome = match (outcome, evaluation) {
+            (Err(ClientError::EvaluationStopped { .. }), Err(cause)) => return Err(cause),
+            (outcome, evaluation) => {
+                let outcome = outcome?;
+                Outcome { evaluation: evaluation?, ..outcome }
+            }
+        };
+        outcome.run_folder = folder;
         Ok(outcome)
     }
+}
+
+/// Steps of the checkpoint in `folder`, if there is one.
+fn recorded_steps(folder: &Path) -> Result<Option<u64>, ClientError> {
+    Ok(checkpoint::steps_taken(&folder.join(CHECKPOINT_FILE))?)
+}
+
+fn remove_policy(run: &Run) -> Result<(), ClientError> {
+    for name in [ONNX_FILE, SAFETENSORS_FILE] {
+        let path = run.path(name);
+        match std::fs::remove_file(&path) {
+            Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+                return Err(ClientError::file(path, error));
+            }
+            _ => {}
+        }
+    }
+    Ok(())
 }
 
 fn write_settings(run: &Run, settings: &Settings) -> Result<(), ClientError> {
@@ -202,16 +252,15 @@ fn write_settings(run: &Run, settings: &Settings) -> Result<(), ClientError> {
     std::fs::write(&path, settings.to_toml()?).map_err(|error| ClientError::file(path, error))
 }
 
-/// The run's lock is held until training is over.
 fn learn(
     run: &Run,
     settings: &Settings,
     prepared: &Prepared,
     mut recorder: Recorder,
-    mut beside: Beside,
+    beside: &mut Beside,
     is_stopped: &AtomicBool,
     events: &UnboundedSender<Event>,
-) -> Result<(Outcome, Beside), ClientError> {
+) -> Result<Outcome, ClientError> {
     let every = settings.run.evaluation.every;
     let mut last = None;
     let mut failed = None;
@@ -243,13 +292,12 @@ fn learn(
     if let Some(error) = failed {
         return Err(error);
     }
-    let outcome = Outcome {
+    Ok(Outcome {
         run_folder: run.folder().to_path_buf(),
         is_complete: trained.is_complete,
         step: trained.step,
-        policy: trained.is_complete.then(|| run.path(crate::learning::train::ONNX_FILE)),
+        policy: trained.is_complete.then(|| run.path(ONNX_FILE)),
         last,
         evaluation: None,
-    };
-    Ok((outcome, beside))
+    })
 }

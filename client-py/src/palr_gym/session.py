@@ -120,7 +120,7 @@ class StepResult(NamedTuple):
     terminated: NDArray[np.bool_]
     """[N]: the task ended the episode. Can be set together with `truncated`."""
     truncated: NDArray[np.bool_]
-    """[N]: the time limit ended the episode."""
+    """[N]: the time limit ended the episode, or its simulation diverged."""
     info: NDArray[np.float64]
     """[info names, N]: rows as in `EnvironmentSpec.info_names`. NaN for environments that diverged,
     and for those that this step reset (NEXT_STEP) but for what a reset reports."""

@@ -114,9 +114,12 @@ impl<P: Part> Parts<P> {
         }
         let works_along = usize::from(own_index.is_some());
         let helpers = (self.threads.count() - works_along).min(count.saturating_sub(works_along));
-        // Requests of the last time that nobody has got to yet serve as well.
-        let missing = helpers.saturating_sub(crew.requests.load(Ordering::Acquire));
-        crew.requests.fetch_add(missing, Ordering::AcqRel);
+        // Requests of the last time that nobody has got to yet serve as well. One operation, so
+        // that a thread which takes such a request either comes first, and is not counted, or sees
+        // the work above: were it counted and saw nothing, nobody would come and the caller would
+        // wait for ever.
+        let pending = crew.requests.fetch_max(helpers, Ordering::AcqRel);
+        let missing = helpers.saturating_sub(pending);
         self.threads.ask_for_help(&self.help, missing);
         if let Some(index) = own_index {
             crew.work_from(index);

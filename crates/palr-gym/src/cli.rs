@@ -30,7 +30,7 @@ static VERSION: LazyLock<String> = LazyLock::new(|| {
 #[command(name = "palr-gym", version = VERSION.as_str(), arg_required_else_help = true)]
 #[command(after_help = "\
 Start with:
-  palr-gym demo                                  the whole story in a minute
+  palr-gym demo                                  the whole story in a few minutes
   palr-gym serve                                 then step it from Python or any language
   palr-gym evaluate --env hopper --policy expert
   palr-gym envs                                  what there is
@@ -66,7 +66,7 @@ pub enum Command {
     Collect(CollectArguments),
     /// Play episodes with a policy on the server and report returns and scores.
     Evaluate(EvaluateArguments),
-    /// Train a policy on recorded demonstrations: behaviour cloning or PALR.
+    /// Train a policy on recorded demonstrations, with any method of the paper.
     Train(TrainArguments),
     /// Describe and check data sets.
     Data(DataArguments),
@@ -78,7 +78,7 @@ pub enum Command {
     Leakage(LeakageArguments),
     /// Measure how fast a server is, in steps per second or microseconds a step.
     Bench(bench::BenchArguments),
-    /// Collect, evaluate and draw, from nothing, in a folder of its own.
+    /// Record, train, evaluate, measure and draw, from nothing, in a folder of its own.
     Demo(DemoArguments),
     /// Print a completion script for a shell.
     Completions(CompletionsArguments),

@@ -155,6 +155,7 @@ fn a_run_killed_or_interrupted_at_any_moment_leaves_what_a_whole_one_leaves() {
         let metrics = run.join("metrics.jsonl");
         let lines = || std::fs::read_to_string(&metrics).map_or(0, |text| text.lines().count());
         while lines() < 4 {
+            assert!(child.try_wait().unwrap().is_none(), "{signal}: it was too quick");
             std::thread::sleep(std::time::Duration::from_millis(5));
         }
         let pid = child.id().to_string();
@@ -187,6 +188,8 @@ fn a_run_resumes_only_with_what_it_began_with() {
         let said = String::from_utf8(output.stderr).unwrap();
         assert!(!output.status.success() && said.contains(text), "{more:?}: {said}");
     }
+    // A refusal changes nothing.
+    succeed(folder.path(), &["train", "--resume", "--json"]);
     let collect = ["collect", "--env", "hopper", "--policy", "random", "--transitions", "2600"];
     succeed(folder.path(), &[&collect[..], &["--out", "a.hdf5", "--force", "--json"]].concat());
     let said = String::from_utf8(palr_gym(folder.path(), &longer).stderr).unwrap();
@@ -218,7 +221,10 @@ fn without_data_the_expert_is_recorded_once() {
     assert_eq!(std::fs::metadata(&data).unwrap().modified().unwrap(), recorded);
     let output = palr_gym(folder.path(), &["train", "--env", "ant-w2"]);
     let said = String::from_utf8(output.stderr).unwrap();
-    assert!(!output.status.success() && said.contains("ant"), "{said}");
+    assert!(
+        !output.status.success() && said.contains("no expert ships for task \"ant\""),
+        "{said}"
+    );
     assert!(!folder.path().join("runs/train/003").exists());
 }
 

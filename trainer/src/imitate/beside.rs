@@ -73,6 +73,11 @@ impl Beside {
         self.queue.blocking_send(step).map_err(|_| ClientError::EvaluationStopped { step })
     }
 
+    /// Gives up what is under way; a resumed run does it again.
+    pub fn abort(self) {
+        self.worker.abort();
+    }
+
     /// Waits for the evaluations under way and says what the newest came to.
     ///
     /// # Errors

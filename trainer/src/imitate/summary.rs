@@ -73,6 +73,14 @@ pub fn find(paths: &[PathBuf]) -> Result<Vec<RunSummary>, ClientError> {
             return Err(ClientError::file(path, "holds no run; expected a folder with run.json"));
         }
     }
+    // A run that two paths lead to counts once.
+    let mut seen = Vec::new();
+    runs.retain(|run| {
+        let folder = run.folder.canonicalize().unwrap_or_else(|_| run.folder.clone());
+        let is_new = !seen.contains(&folder);
+        seen.push(folder);
+        is_new
+    });
     Ok(runs)
 }
 
@@ -139,6 +147,8 @@ pub struct RunGroup {
 pub fn group(runs: Vec<RunSummary>) -> Vec<RunGroup> {
     let names = differing_settings(&runs);
     let one_env = runs.windows(2).all(|pair| pair[0].manifest.env_id == pair[1].manifest.env_id);
+    let one_data =
+        runs.windows(2).all(|pair| pair[0].manifest.data.sha256 == pair[1].manifest.data.sha256);
     let mut groups: Vec<RunGroup> = Vec::new();
     for run in runs {
         let mut parts = Vec::new();
@@ -148,6 +158,10 @@ pub fn group(runs: Vec<RunSummary>) -> Vec<RunGroup> {
         parts.push(run.setting("algorithm").unwrap_or_default());
         let named = |name: &String| Some(format!("{name}={}", run.setting(name)?));
         parts.extend(names.iter().filter_map(named));
+        if !one_data {
+            let sha256 = &run.manifest.data.sha256;
+            parts.push(format!("data={}", &sha256[..sha256.len().min(8)]));
+        }
         let label = parts.join(" ");
         match groups.iter_mut().find(|group| group.label == label) {
             Some(group) => group.runs.push(run),
@@ -184,9 +198,10 @@ fn curve(group: &RunGroup, values: impl Fn(&RunSummary) -> Vec<(u64, f64, Option
 /// one standard error over the seeds of a group. Panels that no run has numbers for are left out.
 #[must_use]
 pub fn panels(groups: &[RunGroup]) -> Vec<Panel> {
-    let metric = |of: fn(&Metrics) -> f64| {
+    let metric = |of: fn(&Metrics) -> Option<f64>| {
         move |run: &RunSummary| -> Vec<(u64, f64, Option<f64>)> {
-            run.metrics.iter().map(|metrics| (metrics.step, of(metrics), None)).collect()
+            let point = |metrics: &Metrics| Some((metrics.step, of(metrics)?, None));
+            run.metrics.iter().filter_map(point).collect()
         }
     };
     let score = |run: &RunSummary| {
@@ -195,8 +210,8 @@ pub fn panels(groups: &[RunGroup]) -> Vec<Panel> {
         };
         run.evaluations.iter().map(point).collect()
     };
-    let likelihood = metric(|metrics| -metrics.held_out_nll.unwrap_or(metrics.training_nll));
-    let hscic = metric(|metrics| metrics.held_out_hscic.unwrap_or(metrics.training_hscic));
+    let likelihood = metric(|metrics| metrics.held_out_nll.map(|nll| -nll));
+    let hscic = metric(|metrics| metrics.held_out_hscic);
     let panel = |title: &str, y_label: &str, is_y_log, series: Vec<Series>| Panel {
         title: title.into(),
         x_label: "steps".into(),

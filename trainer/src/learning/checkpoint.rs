@@ -128,6 +128,26 @@ impl Checkpoint {
     }
 }
 
+/// Steps that the run of the file at `path` has taken, if there is one.
+///
+/// # Errors
+/// [`TrainError::File`] if it cannot be read.
+pub fn steps_taken(path: &Path) -> Result<Option<u64>, TrainError> {
+    let bytes = match fs::read(path) {
+        Ok(bytes) => bytes,
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
+        Err(error) => return Err(TrainError::file(path, error)),
+    };
+    let step = SafeTensors::read_metadata(&bytes).ok().and_then(|(_, metadata)| {
+        let header = metadata.metadata().as_ref()?.get(HEADER)?;
+        serde_json::from_str::<serde_json::Value>(header).ok()?.get("step")?.as_u64()
+    });
+    match step {
+        Some(step) => Ok(Some(step)),
+        None => Err(TrainError::file(path, "is no checkpoint of this version")),
+    }
+}
+
 /// Replaces the file at `path`: at every moment it holds the old bytes or the new, also if the
 /// machine stops.
 pub(crate) fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), TrainError> {

@@ -96,11 +96,10 @@ pub struct TrainArguments {
 
 impl TrainArguments {
     /// What the flags set, a layer each; but for --alpha, which the method has to name.
-    pub fn flag_layers(&self) -> anyhow::Result<Vec<Value>> {
-        let data = self.data.as_ref().map(std::path::absolute).transpose()?;
+    pub fn flag_layers(&self) -> Vec<Value> {
         let flags = [
             ("env", self.env.as_ref().map(|value| json!(value))),
-            ("data", data.map(|value| json!(value))),
+            ("data", self.data.as_ref().map(|value| json!(value))),
             ("algorithm", self.algorithm.as_ref().map(|value| json!(value))),
             ("palr.weights", self.weights.as_ref().map(|value| json!(value))),
             ("steps", self.steps.map(|value| json!(value))),
@@ -112,6 +111,6 @@ impl TrainArguments {
             ("evaluation.every", self.evaluate_every.map(|value| json!(value))),
             ("evaluation.episodes", self.episodes.map(|value| json!(value))),
         ];
-        Ok(flags.into_iter().filter_map(|(key, value)| Some(nest(key, value?))).collect())
+        flags.into_iter().filter_map(|(key, value)| Some(nest(key, value?))).collect()
     }
 }

@@ -4,7 +4,6 @@ use faer::Mat;
 use palr_gym_data::Demonstrations;
 use palr_gym_data::statistics::{SATURATED, Spread, Statistics};
 use palr_gym_leakage::{HscicConfig, effective_dimension};
-use palr_gym_trainer::ClientError;
 use serde::Serialize;
 
 use crate::cli::data::DataFileArguments;
@@ -13,6 +12,9 @@ use crate::{backend, output};
 
 /// As many rows as the paper's held-out set has; the kernel matrix is of as many squared.
 const KERNEL_ROWS: usize = 2000;
+
+/// Held-out episodes that an interval of leakage needs.
+const NEEDED_EPISODES: usize = 20;
 
 /// Numbers as they go into JSON.
 #[derive(Debug, Serialize)]
@@ -125,7 +127,7 @@ async fn scores(
     let client = backend::connect(&arguments.server).await?;
     let spec = match client.spec(env_id).await {
         Ok(spec) => spec,
-        Err(ClientError::Status { .. }) if arguments.env.is_none() => return Ok(None),
+        Err(error) if arguments.env.is_none() && error.is_bad_request() => return Ok(None),
         Err(error) => return Err(error.into()),
     };
     let normalized = spec.reference_returns.map(|reference| {
@@ -205,8 +207,12 @@ async fn verify(arguments: &DataFileArguments) -> anyhow::Result<()> {
     let findings = [
         finding(true, format!("{} transitions, finite and within bounds", info.transitions)),
         finding(
-            info.episodes > 1,
-            format!("{} episodes; intervals need 20 that were not trained on", info.episodes),
+            info.episodes > NEEDED_EPISODES,
+            format!(
+                "{} episodes; more than {NEEDED_EPISODES} are needed, to train on some and hold \
+                 {NEEDED_EPISODES} out for an interval",
+                info.episodes
+            ),
         ),
         finding(constant == 0, format!("{constant} entries of the action never vary")),
         finding(

@@ -222,9 +222,13 @@ async fn train(
             outcome
         }));
     }
+    // All of them first: each has a checkpoint to write.
+    let mut outcomes: Vec<Result<Outcome, ClientError>> = Vec::new();
     for one in runs {
-        let outcome: Outcome = one.await.context("a run panicked")??;
-        if !outcome.is_complete {
+        outcomes.push(one.await.context("a run panicked")?);
+    }
+    for outcome in outcomes {
+        if !outcome?.is_complete {
             return Err(interrupted(run).into());
         }
     }

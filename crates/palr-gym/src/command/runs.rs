@@ -28,8 +28,10 @@ fn row(run: &RunSummary, differing: &[String]) -> Vec<String> {
     let setting = |name: &str| run.setting(name).unwrap_or_else(none);
     let (metrics, evaluation) = (run.metrics.last(), run.evaluations.last());
     let step = metrics.map_or(0, |metrics| metrics.step);
-    let likelihood = metrics.map(|m| format!("{:.3}", -m.held_out_nll.unwrap_or(m.training_nll)));
-    let hscic = metrics.map(|m| format!("{:.2e}", m.held_out_hscic.unwrap_or(m.training_hscic)));
+    let likelihood =
+        metrics.map(|m| measured(m.held_out_nll, m.training_nll, |nll| format!("{:.3}", -nll)));
+    let hscic = metrics
+        .map(|m| measured(m.held_out_hscic, m.training_hscic, |value| format!("{value:.2e}")));
     let score = evaluation.map(|record| format!("{:.1}", record.score_mean));
     let error = evaluation.and_then(|record| record.score_standard_error);
     let mut cells = vec![
@@ -48,6 +50,11 @@ fn row(run: &RunSummary, differing: &[String]) -> Vec<String> {
         error.map_or_else(none, |error| format!("{error:.1}")),
     ]);
     cells
+}
+
+/// A number on held-out rows; on those that were trained on, if there are no others, and marked.
+fn measured(held_out: Option<f64>, training: f64, format: impl Fn(f64) -> String) -> String {
+    held_out.map_or_else(|| format!("{} (training)", format(training)), &format)
 }
 
 /// Draws the curves of runs.

@@ -34,12 +34,18 @@ pub async fn run(arguments: TrainArguments) -> anyhow::Result<()> {
         refuse_unknown(&layer).map_err(|error| named(path, error))?;
         layers.push(layer);
     }
-    layers.extend(arguments.flag_layers()?);
+    layers.extend(arguments.flag_layers());
     if let Some(alpha) = arguments.alpha {
         layers.push(alpha_layer(&layers, alpha)?);
     }
     for assignment in &arguments.set {
         layers.push(layer_from_assignment(assignment)?);
+    }
+    // A run can be resumed from anywhere.
+    for layer in &mut layers {
+        if let Some(Value::String(data)) = layer.get_mut("data") {
+            *data = std::path::absolute(&*data)?.to_string_lossy().into_owned();
+        }
     }
     let is_fresh = arguments.resume.is_none();
     let default_data = if is_fresh { default_data(&layers, &arguments.out)? } else { None };
