@@ -7,10 +7,10 @@ use std::error::Error;
 use std::time::Instant;
 
 use palr_gym_core::random::Generator;
-use palr_gym_trainer::learning::checkpoint::Checkpoint;
+use palr_gym_trainer::learning::algorithms::method;
+use palr_gym_trainer::learning::context::Context;
 use palr_gym_trainer::learning::kernel::hscic_gradient;
-use palr_gym_trainer::learning::policy_net::PolicyShape;
-use palr_gym_trainer::learning::train::Learner;
+use palr_gym_trainer::learning::regularizer::SharedWeights;
 use palr_gym_trainer::learning::weights::{KernelConfig, WeightMatrix};
 use palr_gym_trainer::learning::{
     Algorithm, PalrConfig, TrainConfig, TrainError, TrainingSet, WeightsMode,
@@ -24,22 +24,31 @@ const ROWS: usize = 30_000;
 fn main() -> Result<(), Box<dyn Error>> {
     let data = data()?;
     let cases = [
-        ("BC", Algorithm::Bc, WeightsMode::Exact, 300),
-        ("PALR, pool", Algorithm::Palr, WeightsMode::Pool, 150),
-        ("PALR, exact", Algorithm::Palr, WeightsMode::Exact, 15),
+        (Algorithm::Bc, WeightsMode::Exact, 300),
+        (Algorithm::Kf, WeightsMode::Exact, 200),
+        (Algorithm::Primenet, WeightsMode::Exact, 200),
+        (Algorithm::Rap, WeightsMode::Exact, 200),
+        (Algorithm::Fca, WeightsMode::Exact, 60),
+        (Algorithm::Mine, WeightsMode::Exact, 60),
+        (Algorithm::Vib, WeightsMode::Exact, 200),
+        (Algorithm::Palr, WeightsMode::Pool, 150),
+        (Algorithm::Palr, WeightsMode::Exact, 15),
+        (Algorithm::PalrAct, WeightsMode::Pool, 150),
     ];
-    for (name, algorithm, weights, steps) in cases {
+    for (algorithm, weights, steps) in cases {
         let pool_size = 4;
         let palr = PalrConfig { weights, pool_size, ..PalrConfig::default() };
         let config = TrainConfig { algorithm, palr, ..TrainConfig::default() };
-        let shape = PolicyShape { observation_size: OBSERVATION_SIZE, action_size: ACTION_SIZE };
-        let mut state = Checkpoint::new(shape.initial_parameters(0));
-        let mut learner = Learner::new(&config, &data);
+        let mut method = method(Context::new(&config, &data, SharedWeights::default()));
+        let mut state = method.start();
+        let mut step = || {
+            method.step(&mut state)?;
+            state.step += 1;
+            Ok(())
+        };
         // The first steps fill the pool.
-        for _ in 0..pool_size {
-            learner.step(&mut state)?;
-        }
-        report(name, steps, || learner.step(&mut state).map(drop))?;
+        (0..pool_size).try_for_each(|_| step())?;
+        report(&format!("{} ({weights:?})", algorithm.name()), steps, step)?;
     }
 
     let rows: Vec<usize> = (0..BATCH).collect();
@@ -92,5 +101,6 @@ fn data() -> Result<TrainingSet, TrainError> {
         past = past.map(|past| (0.7 * past + 0.5 * generator.standard_normal() as f32).tanh());
         actions.extend(past);
     }
-    TrainingSet::new(&observations, OBSERVATION_SIZE, actions, past_actions, ACTION_SIZE)
+    TrainingSet::new(&observations, OBSERVATION_SIZE, actions, past_actions, ACTION_SIZE)?
+        .with_frame_stack(2)
 }

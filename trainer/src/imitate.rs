@@ -36,7 +36,7 @@ pub mod tensorboard;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::AtomicBool;
 
 use palr_gym_proto::v1;
 use serde::Serialize;
@@ -270,6 +270,7 @@ fn learn(
         prepared.held_out.as_ref(),
         run.folder(),
         true,
+        is_stopped,
         |progress| {
             let metrics = Metrics::from(progress);
             let before = progress.step.saturating_sub(settings.train.log_every);
@@ -282,11 +283,7 @@ fn learn(
             let _ = events.send(Event::Report(metrics.clone()));
             last = Some(metrics);
             failed = result.err();
-            if failed.is_some() || is_stopped.load(Ordering::Relaxed) {
-                ControlFlow::Break(())
-            } else {
-                ControlFlow::Continue(())
-            }
+            if failed.is_some() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         },
     )?;
     if let Some(error) = failed {

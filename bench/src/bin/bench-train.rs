@@ -1,6 +1,7 @@
 //! What a training step costs: CPU seconds of all threads, the run's own bookkeeping included.
 
 use std::ops::ControlFlow;
+use std::sync::atomic::AtomicBool;
 
 use anyhow::{Context, bail};
 use clap::Parser;
@@ -34,9 +35,9 @@ struct Cost {
 
 /// Numbers of the right sizes: what a step costs does not depend on them.
 fn data(setting: &str) -> anyhow::Result<TrainingSet> {
-    let (observation_size, action_size) = match setting {
-        "hopper-w2" => (5 * 2, 3),
-        "ant-w4" => (13 * 4, 8),
+    let (observation_size, frame_stack, action_size) = match setting {
+        "hopper-w2" => (5 * 2, 2, 3),
+        "ant-w4" => (13 * 4, 4, 8),
         _ => bail!("no setting {setting}; expected hopper-w2 or ant-w4"),
     };
     let mut generator = Generator::from_seed(0);
@@ -47,7 +48,9 @@ fn data(setting: &str) -> anyhow::Result<TrainingSet> {
         normals(ROWS * action_size).iter().map(|value| (0.7 * value).tanh()).collect();
     let mut past_actions = actions.clone();
     past_actions.rotate_right(action_size);
-    Ok(TrainingSet::new(&observations, observation_size, actions, past_actions, action_size)?)
+    let set =
+        TrainingSet::new(&observations, observation_size, actions, past_actions, action_size)?;
+    Ok(set.with_frame_stack(frame_stack)?)
 }
 
 /// CPU seconds of this process, all threads; in ticks of a hundredth.
@@ -80,7 +83,8 @@ fn main() -> anyhow::Result<()> {
     std::fs::create_dir_all(&folder)?;
     let mut started = 0.0;
     let mut spent = 0.0;
-    train(&config, &data(&cli.setting)?, None, &folder, false, |progress| {
+    let is_stopped = AtomicBool::new(false);
+    train(&config, &data(&cli.setting)?, None, &folder, false, &is_stopped, |progress| {
         let now = cpu_s().unwrap_or(f64::NAN);
         if progress.step == cli.steps {
             started = now;

@@ -67,7 +67,9 @@ pub async fn prepare(client: &Client, settings: &Settings) -> Result<Prepared, C
         rows.actions,
         rows.past_actions,
         view.action_size,
-    )?;
+    )?
+    .with_frame_stack(view.frame_stack)?
+    .with_episodes(&rows.episode_lengths)?;
     training.check_actions_vary()?;
     let held_out = match settings.held_out_selection() {
         Some(selection) => {
@@ -89,6 +91,7 @@ struct Rows {
     observations: Vec<f32>,
     actions: Vec<f32>,
     past_actions: Vec<f32>,
+    episode_lengths: Vec<usize>,
 }
 
 impl Rows {
@@ -102,6 +105,7 @@ impl Rows {
             observations: samples.observations.iter().copied().collect(),
             actions: samples.actions.iter().copied().collect(),
             past_actions: samples.past_actions.iter().copied().collect(),
+            episode_lengths: samples.episode_lengths,
         })
     }
 }

@@ -1,5 +1,6 @@
 //! What a run measured, a JSON line each; a resumed run leaves the same lines as a whole one.
 
+use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -27,14 +28,23 @@ pub struct Metrics {
     pub batch_nll: f64,
     /// Of the step's regularised rows, before the step; null where the loss has no such term.
     pub batch_hscic: Option<f64>,
+    /// The method's other terms of the step, by name.
+    #[serde(default)]
+    pub batch_terms: BTreeMap<String, f64>,
     /// On rows of the training set.
     pub training_nll: f64,
     /// Of the representation, on the same rows.
     pub training_hscic: f64,
+    /// Of a sampled action of the policy, on the same rows.
+    #[serde(default)]
+    pub training_action_hscic: f64,
     /// On held-out rows, if there are any.
     pub held_out_nll: Option<f64>,
     /// Of the representation, on the same rows.
     pub held_out_hscic: Option<f64>,
+    /// Of a sampled action of the policy, on the same rows.
+    #[serde(default)]
+    pub held_out_action_hscic: Option<f64>,
 }
 
 impl From<&Progress> for Metrics {
@@ -44,10 +54,17 @@ impl From<&Progress> for Metrics {
             step: progress.step,
             batch_nll: progress.batch_nll,
             batch_hscic: progress.batch_hscic,
+            batch_terms: progress
+                .batch_terms
+                .iter()
+                .map(|&(name, value)| (name.to_owned(), value))
+                .collect(),
             training_nll: progress.training.nll,
             training_hscic: progress.training.hscic,
+            training_action_hscic: progress.training.action_hscic,
             held_out_nll: held_out.map(|measured| measured.nll),
             held_out_hscic: held_out.map(|measured| measured.hscic),
+            held_out_action_hscic: held_out.map(|measured| measured.action_hscic),
         }
     }
 }
@@ -94,7 +111,7 @@ impl EvaluationRecord {
 trait Stepped {
     fn step(&self) -> u64;
     /// Names and values for TensorBoard.
-    fn scalars(&self) -> Vec<(&'static str, f64)>;
+    fn scalars(&self) -> Vec<(String, f64)>;
 }
 
 impl Stepped for Metrics {
@@ -102,18 +119,24 @@ impl Stepped for Metrics {
         self.step
     }
 
-    fn scalars(&self) -> Vec<(&'static str, f64)> {
+    fn scalars(&self) -> Vec<(String, f64)> {
         let optional = [
             ("batch/hscic", self.batch_hscic),
             ("held_out/nll", self.held_out_nll),
             ("held_out/hscic", self.held_out_hscic),
+            ("held_out/action_hscic", self.held_out_action_hscic),
         ];
         let mut scalars = vec![
             ("batch/nll", self.batch_nll),
             ("training/nll", self.training_nll),
             ("training/hscic", self.training_hscic),
+            ("training/action_hscic", self.training_action_hscic),
         ];
         scalars.extend(optional.into_iter().filter_map(|(name, value)| Some((name, value?))));
+        let mut scalars: Vec<_> =
+            scalars.into_iter().map(|(name, value)| (name.to_owned(), value)).collect();
+        let terms = self.batch_terms.iter();
+        scalars.extend(terms.map(|(name, &value)| (format!("batch/{name}"), value)));
         scalars
     }
 }
@@ -123,11 +146,11 @@ impl Stepped for EvaluationRecord {
         self.step
     }
 
-    fn scalars(&self) -> Vec<(&'static str, f64)> {
+    fn scalars(&self) -> Vec<(String, f64)> {
         vec![
-            ("evaluation/return", self.return_mean),
-            ("evaluation/score", self.score_mean),
-            ("evaluation/length", self.length_mean),
+            ("evaluation/return".into(), self.return_mean),
+            ("evaluation/score".into(), self.score_mean),
+            ("evaluation/length".into(), self.length_mean),
         ]
     }
 }

@@ -76,10 +76,14 @@ impl EventFile {
     ///
     /// # Errors
     /// [`ClientError::File`].
-    pub fn write(&mut self, step: u64, scalars: &[(&str, f64)]) -> Result<(), ClientError> {
+    pub fn write(
+        &mut self,
+        step: u64,
+        scalars: &[(impl AsRef<str>, f64)],
+    ) -> Result<(), ClientError> {
         let values = scalars
             .iter()
-            .map(|(tag, value)| Value { tag: (*tag).to_owned(), simple_value: *value as f32 })
+            .map(|(tag, value)| Value { tag: tag.as_ref().to_owned(), simple_value: *value as f32 })
             .collect();
         self.event(step, What::Summary(Summary { values }))
     }

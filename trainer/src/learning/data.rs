@@ -51,6 +51,10 @@ pub struct TrainingSet {
     n: usize,
     observation_size: usize,
     action_size: usize,
+    /// w: an observation is so many equal frames, oldest first.
+    frame_stack: usize,
+    /// `[n]`: rows of the same episode right before each row; none if nobody said.
+    rows_before: Option<Vec<u32>>,
     observation_statistics: Standardization,
     /// `[n, observation_size]`, standardised.
     observations: Vec<f32>,
@@ -105,7 +109,38 @@ impl TrainingSet {
         )?;
         set.action_statistics = self.action_statistics.clone();
         set.past_action_statistics = self.past_action_statistics.clone();
+        set.frame_stack = self.frame_stack;
         Ok(set)
+    }
+
+    /// Says that an observation is `frame_stack` equal frames, oldest first; without it, it is one.
+    /// Methods that treat the last frame by itself need it.
+    ///
+    /// # Errors
+    /// [`TrainError::Size`] if an observation cannot be split so.
+    pub fn with_frame_stack(mut self, frame_stack: usize) -> Result<Self, TrainError> {
+        if frame_stack == 0 || !self.observation_size.is_multiple_of(frame_stack) {
+            let what = "the frame stack of an observation";
+            return Err(TrainError::Size { what, got: frame_stack, want: self.observation_size });
+        }
+        self.frame_stack = frame_stack;
+        Ok(self)
+    }
+
+    /// Says how many consecutive rows each episode gave, in order. Methods that look back further
+    /// than one action need it.
+    ///
+    /// # Errors
+    /// [`TrainError::Size`] if they do not sum to the number of rows.
+    pub fn with_episodes(mut self, lengths: &[usize]) -> Result<Self, TrainError> {
+        let got = lengths.iter().sum();
+        if got != self.n {
+            let what = "the rows of all episodes";
+            return Err(TrainError::Size { what, got, want: self.n });
+        }
+        let rows = lengths.iter().flat_map(|&length| 0..length as u32);
+        self.rows_before = Some(rows.collect());
+        Ok(self)
     }
 
     /// As [`Self::new`], with statistics of other rows, such as those of a whole data set (the
@@ -135,6 +170,8 @@ impl TrainingSet {
             n,
             observation_size,
             action_size,
+            frame_stack: 1,
+            rows_before: None,
             observations: observation_statistics.apply(observations),
             observation_statistics,
             action_statistics: Standardization::of(&actions, action_size)?,
@@ -185,6 +222,12 @@ impl TrainingSet {
         self.action_size
     }
 
+    /// Width of a frame.
+    #[must_use]
+    pub fn frame_size(&self) -> usize {
+        self.observation_size / self.frame_stack
+    }
+
     /// By which the observations were standardised.
     #[must_use]
     pub fn observation_statistics(&self) -> &Standardization {
@@ -197,6 +240,8 @@ impl TrainingSet {
         Batch {
             n: rows.len(),
             observations: gather(&self.observations, self.observation_size, rows),
+            actions: gather(&self.actions, self.action_size, rows),
+            past_actions: gather(&self.past_actions, self.action_size, rows),
             pre_tanh: gather(&self.pre_tanh, self.action_size, rows),
             nll_offset: rows.iter().map(|&row| self.nll_offsets[row]).sum::<f64>()
                 / rows.len() as f64,
@@ -215,12 +260,53 @@ impl TrainingSet {
         }
     }
 
+    /// The last `count` actions before each row's, newest first, zeros where the episode or the
+    /// set begins: `[n, count · action_size]`.
+    ///
+    /// # Errors
+    /// [`TrainError::Setting`] if `count` is above 1 and nobody said where episodes begin.
+    pub fn action_history(&self, rows: &[usize], count: usize) -> Result<Vec<f32>, TrainError> {
+        if count == 1 {
+            return Ok(gather(&self.past_actions, self.action_size, rows));
+        }
+        let Some(rows_before) = &self.rows_before else {
+            let message = format!(
+                "{count} past actions are asked for; the data do not say where \
+                episodes begin, so expected 1"
+            );
+            return Err(TrainError::Setting { message });
+        };
+        let size = self.action_size;
+        let mut history = vec![0.0; rows.len() * count * size];
+        for (slots, &row) in history.chunks_exact_mut(count * size).zip(rows) {
+            let known = count.min(rows_before[row] as usize + 1);
+            for (back, slot) in slots.chunks_exact_mut(size).take(known).enumerate() {
+                let row = row - back;
+                slot.copy_from_slice(&self.past_actions[row * size..(row + 1) * size]);
+            }
+        }
+        Ok(history)
+    }
+
+    /// A checksum of the actions: M follows from them and the drawn rows.
+    #[must_use]
+    pub(crate) fn actions_fingerprint(&self) -> u32 {
+        let mut hasher = crc32fast::Hasher::new();
+        for array in [&self.actions, &self.past_actions] {
+            hasher.update(bytemuck::cast_slice(array));
+        }
+        hasher.finalize()
+    }
+
     /// A checksum of everything that a run reads of the set.
     #[must_use]
     pub fn fingerprint(&self) -> u32 {
         let mut hasher = crc32fast::Hasher::new();
-        for size in [self.n, self.observation_size, self.action_size] {
+        for size in [self.n, self.observation_size, self.action_size, self.frame_stack] {
             hasher.update(&(size as u64).to_le_bytes());
+        }
+        if let Some(rows_before) = &self.rows_before {
+            hasher.update(bytemuck::cast_slice(rows_before));
         }
         for array in [&self.observations, &self.actions, &self.past_actions] {
             hasher.update(bytemuck::cast_slice(array));
@@ -236,6 +322,10 @@ pub struct Batch {
     pub n: usize,
     /// `[n, observation_size]`, standardised.
     pub observations: Vec<f32>,
+    /// `[n, action_size]`, raw.
+    pub actions: Vec<f32>,
+    /// `[n, action_size]`, raw.
+    pub past_actions: Vec<f32>,
     /// `[n, action_size]`: atanh of the clamped actions.
     pub pre_tanh: Vec<f32>,
     /// Mean over the rows of what no parameter changes of the negative log-likelihood, in nats.
@@ -326,6 +416,23 @@ mod tests {
         let (action, past) = actions();
         let error = TrainingSet::with_statistics(&[3.0], statistics, action, past, 1).unwrap_err();
         assert!(error.to_string().contains("statistics.std has 0 numbers; expected 1 rows of 1"));
+    }
+
+    #[test]
+    fn histories_reach_back_to_the_start_of_the_episode() {
+        let actions: Vec<f32> = (1..=5).map(|i| i as f32).collect();
+        // Two episodes; the first one began before the set.
+        let past = vec![9.0, 1.0, 2.0, 0.0, 4.0];
+        let set = TrainingSet::new(&[0.0; 5], 1, actions, past, 1).unwrap();
+        assert_eq!(set.action_history(&[2, 3], 1).unwrap(), [2.0, 0.0]);
+        let error = set.action_history(&[2], 3).unwrap_err().to_string();
+        assert!(error.contains("3 past actions are asked for"), "{error}");
+        let error = set.clone().with_episodes(&[3, 1]).unwrap_err().to_string();
+        assert_eq!(error, "the rows of all episodes has size 4; expected 5");
+        let set = set.with_episodes(&[3, 2]).unwrap();
+        let history = set.action_history(&[0, 2, 3, 4], 3).unwrap();
+        assert_eq!(history, [9.0, 0.0, 0.0, 2.0, 1.0, 9.0, 0.0, 0.0, 0.0, 4.0, 0.0, 0.0]);
+        assert!(set.clone().with_frame_stack(2).is_err() && set.with_frame_stack(1).is_ok());
     }
 
     #[test]

@@ -72,12 +72,16 @@ pub enum TrainError {
         /// λ.
         ridge: f64,
     },
-    /// The parameters left the finite numbers.
-    #[error("the loss is {value} at step {step}; try a smaller learning_rate or palr.alpha")]
+    /// A number left the finite ones. The last checkpoint is not replaced.
+    #[error(
+        "{tensor} is {value} at step {step}; the last checkpoint is kept. Try a smaller learning_rate or regulariser"
+    )]
     Diverged {
         /// Step, from 1.
         step: u64,
-        /// The loss.
+        /// A term of the loss, a layer, or the gradient of one.
+        tensor: String,
+        /// What it is, or one of its numbers.
         value: f64,
     },
     /// A file.

@@ -1,22 +1,25 @@
 //! A trained policy, and the files that it becomes.
 
+mod graphs;
 mod onnx;
 
 use burn::tensor::Device;
 use safetensors::tensor::{Dtype, TensorView, serialize};
 
+use crate::learning::architecture::Architecture;
 use crate::learning::data::Standardization;
 use crate::learning::error::TrainError;
-use crate::learning::policy_net::{PolicyNet, PolicyShape, tensor, values};
+use crate::learning::network::{LayerShape, parameter_count, split, tensor, values};
+use crate::learning::policy_net::POLICY;
 
 /// A policy with the statistics that its observations are standardised by.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TrainedPolicy {
-    /// Sizes.
-    pub shape: PolicyShape,
+    /// How it is built.
+    pub architecture: Architecture,
     /// Of raw stacked observations.
     pub observation_statistics: Standardization,
-    /// The flat vector, in the order of [`PolicyShape::layers`].
+    /// The flat vectors of [`Architecture::networks`], one after the other.
     pub parameters: Vec<f32>,
 }
 
@@ -38,9 +41,9 @@ impl TrainedPolicy {
     /// [`TrainError::Size`] or [`TrainError::Tensor`].
     pub fn act(&self, observations: &[f32]) -> Result<PolicyOutput, TrainError> {
         let device = Device::flex();
-        let policy = PolicyNet::new(self.shape, &self.parameters, &device)?;
         let standardized = self.observation_statistics.apply(observations);
-        let output = policy.forward(tensor(standardized, self.shape.observation_size, &device));
+        let input = tensor(standardized, self.architecture.observation_size, &device);
+        let output = self.architecture.forward(&self.parameters, input, &device)?;
         let mean = values(output.mean)?;
         let action = mean.iter().map(|mean| mean.tanh()).collect();
         Ok(PolicyOutput { action, mean, log_std: values(output.log_std)? })
@@ -52,31 +55,32 @@ impl TrainedPolicy {
     /// # Errors
     /// [`TrainError::Size`] if the parameters are not those of the shape.
     pub fn to_onnx(&self) -> Result<Vec<u8>, TrainError> {
-        onnx::encode(self)
+        graphs::model(self)
     }
 
     /// The parameters as safetensors: `<layer>.weight`, `[inputs, outputs]`, `<layer>.bias`, and
-    /// `observation.mean` and `observation.std`.
+    /// `observation.mean` and `observation.std`. Layers of networks that a plain policy has not are
+    /// `<network>.<layer>`.
     ///
     /// # Errors
     /// [`TrainError::Size`] if the parameters are not those of the shape.
     pub fn to_safetensors(&self) -> Result<Vec<u8>, TrainError> {
         let failed = |error: safetensors::SafeTensorError| TrainError::Tensor(error.to_string());
         let statistics = &self.observation_statistics;
-        let observation_size = vec![self.shape.observation_size];
+        let observation_size = vec![self.architecture.observation_size];
         let mut arrays: Vec<(String, Vec<usize>, &[f32])> = vec![
             ("observation.mean".into(), observation_size.clone(), &statistics.mean),
             ("observation.std".into(), observation_size, &statistics.std),
         ];
-        for layer in self.shape.split(&self.parameters)? {
-            let (name, shape) = (layer.shape.name, layer.shape);
-            arrays.push((
-                format!("{name}.weight"),
-                vec![shape.inputs, shape.outputs],
-                layer.weight,
-            ));
-            if let Some(bias) = layer.bias {
-                arrays.push((format!("{name}.bias"), vec![shape.outputs], bias));
+        for (prefix, layers, parameters) in self.networks()? {
+            for layer in split(&layers, parameters)? {
+                let shape = layer.shape;
+                let name = format!("{prefix}{}", shape.name);
+                let dims = vec![shape.inputs, shape.outputs];
+                arrays.push((format!("{name}.weight"), dims, layer.weight));
+                if let Some(bias) = layer.bias {
+                    arrays.push((format!("{name}.bias"), vec![shape.outputs], bias));
+                }
             }
         }
         let views = arrays.into_iter().map(|(name, shape, array)| {
@@ -85,6 +89,27 @@ impl TrainedPolicy {
         });
         let views: Vec<_> = views.collect::<Result<_, _>>().map_err(failed)?;
         serialize(views, None).map_err(failed)
+    }
+}
+
+/// A network's prefix in files, its layers and its part of the parameters.
+type Part<'a> = (String, Vec<LayerShape>, &'a [f32]);
+
+impl TrainedPolicy {
+    /// The networks that act.
+    fn networks(&self) -> Result<Vec<Part<'_>>, TrainError> {
+        let (got, want) = (self.parameters.len(), self.architecture.parameter_count());
+        if got != want {
+            return Err(TrainError::Size { what: "the list of parameters", got, want });
+        }
+        let mut rest = self.parameters.as_slice();
+        let networks = self.architecture.networks().into_iter().map(|(name, layers)| {
+            let (own, after) = rest.split_at(parameter_count(&layers));
+            rest = after;
+            let prefix = if name == POLICY { String::new() } else { format!("{name}.") };
+            (prefix, layers, own)
+        });
+        Ok(networks.collect())
     }
 }
 

@@ -9,21 +9,50 @@ use palr_gym_core::random::Generator;
 /// What numbers are for. The discriminants are part of what a seed means.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Purpose {
+    /// One stream a network.
     InitialParameters = 1,
+    /// One a step.
     Batch = 2,
+    /// One a batch of the pool.
     PoolBatch = 3,
+    /// What a step draws besides rows.
+    Noise = 4,
+    /// What a finished policy keeps.
+    Policy = 5,
+    /// KF's first stage.
+    Predictor = 6,
+    /// Rows of a step's inner updates: the update's number is added.
+    InnerBatch = 1000,
+    /// What inner updates draw besides rows: the update's number is added.
+    InnerNoise = 2000,
 }
 
 /// The stream number `index` of `purpose`.
 pub(crate) fn stream(seed: u64, purpose: Purpose, index: u32) -> Generator {
+    inner_stream(seed, purpose, 0, index)
+}
+
+/// The stream number `index` of inner update number `update`, below 1000, of `purpose`.
+pub(crate) fn inner_stream(seed: u64, purpose: Purpose, update: u32, index: u32) -> Generator {
     // Both halves of the stream's number are words of NumPy's seed sequence; the upper one is never
     // 0, so the words of two pairs (seed, stream) never coincide.
-    Generator::from_seed_and_stream(seed, (purpose as u64) << 32 | u64::from(index))
+    let upper = purpose as u64 + u64::from(update);
+    Generator::from_seed_and_stream(seed, upper << 32 | u64::from(index))
 }
 
 /// `count` of the rows 0..n, with replacement.
 pub(crate) fn draw_rows(generator: &mut Generator, n: usize, count: usize) -> Vec<usize> {
     (0..count).map(|_| ((generator.next_f64() * n as f64) as usize).min(n - 1)).collect()
+}
+
+/// The numbers 0..n in random order (Fisher and Yates, from the end).
+pub(crate) fn permutation(generator: &mut Generator, n: usize) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..n).collect();
+    for last in (1..n).rev() {
+        let other = ((generator.next_f64() * (last + 1) as f64) as usize).min(last);
+        order.swap(last, other);
+    }
+    order
 }
 
 #[cfg(test)]
@@ -38,6 +67,8 @@ mod tests {
             first(Purpose::Batch, 0),
             first(Purpose::Batch, 1),
             first(Purpose::PoolBatch, 0),
+            first(Purpose::InnerBatch, 0),
+            inner_stream(7, Purpose::InnerBatch, 1, 0).next_u64(),
         ];
         for (i, number) in numbers.iter().enumerate() {
             assert!(!numbers[..i].contains(number));

@@ -1,25 +1,24 @@
 //! The training loop.
 //!
 //! Same build, machine, settings and data ⇒ the same bits, however often the run was killed and
-//! resumed and whatever was measured meanwhile: the state is that of [`Checkpoint`], and a step's
-//! random numbers follow from seed and step.
+//! resumed and whatever was measured meanwhile: the state is [`State`], and a step's random numbers
+//! follow from seed and step.
 
 use std::ops::ControlFlow;
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
 
-use burn::tensor::Device;
-
-use crate::learning::algorithms::palr::Regularizer;
-use crate::learning::algorithms::{Loss, bc, palr};
-use crate::learning::checkpoint::{Checkpoint, write_whole};
-use crate::learning::config::{Algorithm, TrainConfig, WeightsMode};
+use crate::learning::algorithms::{Method, StepReport, method};
+use crate::learning::checkpoint::{self, write_whole};
+use crate::learning::config::{Algorithm, TrainConfig};
+use crate::learning::context::Context;
 use crate::learning::data::TrainingSet;
 use crate::learning::error::TrainError;
 use crate::learning::export::TrainedPolicy;
-use crate::learning::metrics::{Measurement, Probe, kernels};
-use crate::learning::policy_net::{PolicyNet, PolicyShape};
-use crate::learning::streams::{Purpose, draw_rows, stream};
-use crate::learning::weights::{PackedWeights, WeightMatrix};
+use crate::learning::lockstep::{LockstepRun, train_lockstep};
+use crate::learning::metrics::{Measurement, Probe};
+use crate::learning::regularizer::{Ahead, SharedWeights, WeightSource};
+use crate::learning::state::State;
 
 /// Settings of a run, in its folder.
 pub const CONFIG_FILE: &str = "config.json";
@@ -39,8 +38,10 @@ pub struct Progress {
     pub steps: u64,
     /// NLL of the step's batch, before the step, in nats.
     pub batch_nll: f64,
-    /// HSCIC of the step's regularised rows, before the step; `None` for behaviour cloning.
+    /// HSCIC of the step's regularised rows, before the step; `None` for methods without it.
     pub batch_hscic: Option<f64>,
+    /// The method's other terms of the step, by name.
+    pub batch_terms: Vec<(&'static str, f64)>,
     /// On rows of the training set.
     pub training: Measurement,
     /// On rows of the held-out set.
@@ -56,16 +57,17 @@ pub struct Trained {
     pub policy: TrainedPolicy,
     /// Steps taken.
     pub step: u64,
-    /// False if `on_progress` stopped the run; then it can be resumed.
+    /// False if the run was stopped; then it can be resumed.
     pub is_complete: bool,
 }
 
 /// Trains a policy on `data`; `run_folder` holds the run.
 ///
-/// `on_progress` is called every `log_every` steps and after the last; if it breaks, the run ends
-/// there, with a checkpoint. With `resume`, a run goes on from the folder's checkpoint, or starts
-/// if there is none yet. A finished run leaves its policy as [`ONNX_FILE`] and
-/// [`SAFETENSORS_FILE`]. One process at a time may work in a folder; see [`crate::runs::Run`].
+/// `on_progress` is called every `log_every` steps and after the last. If it breaks, or once
+/// `is_stopped` is true, which is looked at after every step, the run ends there, with a checkpoint.
+/// With `resume`, a run goes on from the folder's checkpoint, or starts if there is none yet. A
+/// finished run leaves its policy as [`ONNX_FILE`] and [`SAFETENSORS_FILE`]. One process at a time
+/// may work in a folder; see [`crate::runs::Run`].
 ///
 /// # Errors
 /// Any [`TrainError`]. The folder's last checkpoint is never replaced by numbers that are not
@@ -76,72 +78,159 @@ pub fn train(
     held_out: Option<&TrainingSet>,
     run_folder: &Path,
     resume: bool,
+    is_stopped: &AtomicBool,
     mut on_progress: impl FnMut(&Progress) -> ControlFlow<()>,
 ) -> Result<Trained, TrainError> {
-    config.validate()?;
-    check_sizes(data, held_out)?;
-    let path = run_folder.join(CHECKPOINT_FILE);
-    let fingerprint = data.fingerprint();
-    let mut learner = Learner::new(config, data);
-    let mut state = start(&learner, &path, fingerprint, resume)?;
-    write_config(config, run_folder)?;
-    let training_probe = Probe::new(data, config)?;
-    let held_out_probe = held_out.map(|set| Probe::new(set, config)).transpose()?;
+    let run = LockstepRun { config, data, held_out, run_folder };
+    let trained = train_lockstep(&[run], resume, is_stopped, |_, progress| on_progress(progress))?;
+    // One run in, one out.
+    trained.into_iter().next().ok_or_else(|| TrainError::Tensor("no run was trained".into()))
+}
 
-    let mut is_stopped = false;
-    while state.adam.step < config.steps && !is_stopped {
-        let loss = learner.step(&mut state)?;
-        let step = state.adam.step;
-        let is_last = step == config.steps;
-        if is_last || step.is_multiple_of(config.log_every) {
-            let measure = |probe: &Probe| probe.measure(learner.shape, &state.parameters);
-            let progress = Progress {
-                step,
-                steps: config.steps,
-                batch_nll: loss.nll,
-                batch_hscic: loss.hscic,
-                training: measure(&training_probe)?,
-                held_out: held_out_probe.as_ref().map(measure).transpose()?,
-                policy: learner.policy(&state),
-            };
-            is_stopped = on_progress(&progress).is_break();
-        }
-        if is_last || is_stopped || step.is_multiple_of(config.checkpoint_every) {
-            if !state.parameters.iter().all(|parameter| parameter.is_finite()) {
-                return Err(TrainError::Diverged { step, value: f64::NAN });
+/// A run under way.
+pub(crate) struct Trainer<'a> {
+    config: &'a TrainConfig,
+    data: &'a TrainingSet,
+    method: Box<dyn Method + 'a>,
+    weights: Option<WeightSource<'a>>,
+    state: State,
+    run_folder: PathBuf,
+    fingerprint: u32,
+    training_probe: Probe,
+    held_out_probe: Option<Probe>,
+}
+
+impl<'a> Trainer<'a> {
+    pub(crate) fn start(
+        config: &'a TrainConfig,
+        data: &'a TrainingSet,
+        held_out: Option<&TrainingSet>,
+        run_folder: &Path,
+        resume: bool,
+        shared_weights: SharedWeights,
+    ) -> Result<Self, TrainError> {
+        config.validate()?;
+        check_sizes(data, held_out)?;
+        let context = Context::new(config, data, shared_weights);
+        let needs_weights = matches!(config.algorithm, Algorithm::Palr | Algorithm::PalrAct);
+        let weights = needs_weights.then(|| context.weights.clone());
+        let method = method(context);
+        let fingerprint = data.fingerprint();
+        let path = run_folder.join(CHECKPOINT_FILE);
+        let state = start(config, method.start(), &path, fingerprint, resume)?;
+        write_config(config, run_folder)?;
+        Ok(Self {
+            config,
+            data,
+            method,
+            weights,
+            state,
+            run_folder: run_folder.to_path_buf(),
+            fingerprint,
+            training_probe: Probe::new(data, config)?,
+            held_out_probe: held_out.map(|set| Probe::new(set, config)).transpose()?,
+        })
+    }
+
+    pub(crate) fn has_next(&self) -> bool {
+        self.state.step < self.config.steps
+    }
+
+    /// Steps taken.
+    pub(crate) fn step(&self) -> u64 {
+        self.state.step
+    }
+
+    /// M of the step after the next one, if there is one.
+    pub(crate) fn ahead(&self) -> Option<Ahead<'a>> {
+        let index = self.state.step + 1;
+        let weights = self.weights.as_ref().filter(|_| index < self.config.steps)?;
+        Ahead::new(weights, index)
+    }
+
+    /// Replaces the run's checkpoint.
+    pub(crate) fn write_checkpoint(&self) -> Result<(), TrainError> {
+        let path = self.run_folder.join(CHECKPOINT_FILE);
+        checkpoint::write(&self.state, &path, self.config, self.fingerprint)
+    }
+
+    /// A step, or a part of what comes before the first one. Breaks if the run was stopped.
+    pub(crate) fn advance(
+        &mut self,
+        is_stopped: &AtomicBool,
+        on_progress: &mut dyn FnMut(&Progress) -> ControlFlow<()>,
+    ) -> Result<ControlFlow<()>, TrainError> {
+        let report = self.method.step(&mut self.state)?;
+        let mut is_ending = is_stopped.load(Ordering::Relaxed);
+        let mut is_due = false;
+        if let Some(report) = report {
+            self.state.step += 1;
+            let step = self.state.step;
+            let is_last = step == self.config.steps;
+            if is_last || step.is_multiple_of(self.config.log_every) {
+                is_ending |= on_progress(&self.progress(report)?).is_break();
             }
-            state.write(&path, config, fingerprint)?;
+            is_due = is_last || step.is_multiple_of(self.config.checkpoint_every);
+        }
+        if is_due || is_ending {
+            self.write_checkpoint()?;
+        }
+        Ok(if is_ending { ControlFlow::Break(()) } else { ControlFlow::Continue(()) })
+    }
+
+    fn progress(&self, report: StepReport) -> Result<Progress, TrainError> {
+        let policy = self.policy();
+        let measure = |probe: &Probe| probe.measure(policy.architecture, &policy.parameters);
+        Ok(Progress {
+            step: self.state.step,
+            steps: self.config.steps,
+            batch_nll: report.nll,
+            batch_hscic: report.hscic,
+            batch_terms: report.terms,
+            training: measure(&self.training_probe)?,
+            held_out: self.held_out_probe.as_ref().map(measure).transpose()?,
+            policy,
+        })
+    }
+
+    fn policy(&self) -> TrainedPolicy {
+        TrainedPolicy {
+            architecture: self.method.architecture(),
+            observation_statistics: self.data.observation_statistics().clone(),
+            parameters: self.method.acting_parameters(&self.state),
         }
     }
 
-    let policy = learner.policy(&state);
-    let is_complete = state.adam.step == config.steps;
-    if is_complete {
-        write_whole(&run_folder.join(ONNX_FILE), &policy.to_onnx()?)?;
-        write_whole(&run_folder.join(SAFETENSORS_FILE), &policy.to_safetensors()?)?;
+    /// Leaves the finished policy, if it is.
+    pub(crate) fn finish(self) -> Result<Trained, TrainError> {
+        let policy = self.policy();
+        let is_complete = !self.has_next();
+        if is_complete {
+            write_whole(&self.run_folder.join(ONNX_FILE), &policy.to_onnx()?)?;
+            write_whole(&self.run_folder.join(SAFETENSORS_FILE), &policy.to_safetensors()?)?;
+        }
+        Ok(Trained { policy, step: self.state.step, is_complete })
     }
-    Ok(Trained { policy, step: state.adam.step, is_complete })
 }
 
 /// The state to go on from.
 fn start(
-    learner: &Learner<'_>,
+    config: &TrainConfig,
+    fresh: State,
     path: &Path,
     fingerprint: u32,
     resume: bool,
-) -> Result<Checkpoint, TrainError> {
-    let (config, shape) = (learner.config, learner.shape);
+) -> Result<State, TrainError> {
     if !resume {
         if path.exists() {
             let message = "there is a run already; resume it, or choose another folder";
             return Err(TrainError::file(path, message));
         }
-        return Ok(Checkpoint::new(shape.initial_parameters(config.seed)));
+        return Ok(fresh);
     }
-    let read = Checkpoint::read(path, config, fingerprint, shape.parameter_count())?;
-    let state = read.unwrap_or_else(|| Checkpoint::new(shape.initial_parameters(config.seed)));
-    if state.adam.step > config.steps {
-        let (got, want) = (state.adam.step, config.steps);
+    let state = checkpoint::read(path, config, fingerprint, &fresh)?.unwrap_or(fresh);
+    if state.step > config.steps {
+        let (got, want) = (state.step, config.steps);
         let message = format!("has {got} steps already; steps is {want}");
         return Err(TrainError::file(path, message));
     }
@@ -169,108 +258,6 @@ fn check_sizes(data: &TrainingSet, held_out: Option<&TrainingSet>) -> Result<(),
         }
     }
     Ok(())
-}
-
-/// Takes steps; what it caches follows from settings and data.
-pub struct Learner<'a> {
-    config: &'a TrainConfig,
-    data: &'a TrainingSet,
-    shape: PolicyShape,
-    device: Device,
-    /// M of the pool's batches, each computed when it is first needed.
-    pool: Vec<Option<PackedWeights>>,
-}
-
-impl<'a> Learner<'a> {
-    /// For a run of `config` on `data`.
-    #[must_use]
-    pub fn new(config: &'a TrainConfig, data: &'a TrainingSet) -> Self {
-        let shape = PolicyShape {
-            observation_size: data.observation_size(),
-            action_size: data.action_size(),
-        };
-        let has_pool =
-            config.algorithm == Algorithm::Palr && config.palr.weights == WeightsMode::Pool;
-        let pool = vec![None; if has_pool { config.palr.pool_size } else { 0 }];
-        Self { config, data, shape, device: Device::flex().autodiff(), pool }
-    }
-
-    /// Takes the step after `state`; the loss is that before it.
-    ///
-    /// # Errors
-    /// [`TrainError::Diverged`], [`TrainError::Singular`] or [`TrainError::Tensor`].
-    pub fn step(&mut self, state: &mut Checkpoint) -> Result<Loss, TrainError> {
-        let policy = PolicyNet::new(self.shape, &state.parameters, &self.device)?;
-        let loss = self.loss(&policy, state.adam.step)?;
-        if !loss.nll.is_finite() {
-            return Err(TrainError::Diverged { step: state.adam.step + 1, value: loss.nll });
-        }
-        let gradient = policy.gradient(&loss.tensor)?;
-        state.adam.update(&mut state.parameters, &gradient, self.config.learning_rate);
-        Ok(loss)
-    }
-
-    fn policy(&self, state: &Checkpoint) -> TrainedPolicy {
-        TrainedPolicy {
-            shape: self.shape,
-            observation_statistics: self.data.observation_statistics().clone(),
-            parameters: state.parameters.clone(),
-        }
-    }
-
-    /// `index`: of the step, from 0.
-    fn loss(&mut self, policy: &PolicyNet, index: u64) -> Result<Loss, TrainError> {
-        let rows = self.rows(Purpose::Batch, index);
-        let batch = self.data.batch(&rows);
-        match self.config.algorithm {
-            Algorithm::Bc => return bc::loss(policy, &batch, &self.device),
-            Algorithm::Palr => {}
-            other => {
-                let message = format!("algorithm {} cannot be trained yet", other.name());
-                return Err(TrainError::Setting { message });
-            }
-        }
-        let pool_batch;
-        let (weights, observations) = match self.config.palr.weights {
-            WeightsMode::Exact => (self.weights(&rows)?, None),
-            WeightsMode::Pool => {
-                let entry = index % self.pool.len() as u64;
-                let rows = self.rows(Purpose::PoolBatch, entry);
-                pool_batch = self.data.batch(&rows);
-                let weights = self.pooled_weights(entry as usize, &rows)?;
-                (weights, Some(pool_batch.observations.as_slice()))
-            }
-        };
-        let regularizer = Regularizer {
-            weights: &weights,
-            observations,
-            alpha: self.config.palr.alpha,
-            bandwidth_sq: self.config.palr.bandwidth_sq,
-        };
-        palr::loss(policy, &batch, regularizer, &self.device)
-    }
-
-    fn rows(&self, purpose: Purpose, index: u64) -> Vec<usize> {
-        // Validation holds steps and pool below 2³².
-        let mut generator = stream(self.config.batch_seed(), purpose, index as u32);
-        draw_rows(&mut generator, self.data.len(), self.config.batch)
-    }
-
-    fn weights(&self, rows: &[usize]) -> Result<WeightMatrix, TrainError> {
-        let (past, given) = self.data.hscic_actions(rows, self.config.palr.standardize_actions);
-        WeightMatrix::new(&past, &given, self.data.action_size(), kernels(self.config))
-    }
-
-    /// Through half precision also when it was just computed: a resumed run would see it so.
-    fn pooled_weights(&mut self, entry: usize, rows: &[usize]) -> Result<WeightMatrix, TrainError> {
-        if let Some(packed) = &self.pool[entry] {
-            return Ok(packed.unpack());
-        }
-        let packed = self.weights(rows)?.pack();
-        let weights = packed.unpack();
-        self.pool[entry] = Some(packed);
-        Ok(weights)
-    }
 }
 
 #[cfg(test)]

@@ -1,36 +1,47 @@
 //! Behaviour cloning: the likelihood alone.
 
-use burn::tensor::Device;
-
-use crate::learning::algorithms::Loss;
-use crate::learning::data::Batch;
+use crate::learning::algorithms::{Method, StepReport, state};
+use crate::learning::architecture::{Architecture, Kind};
+use crate::learning::context::Context;
 use crate::learning::error::TrainError;
-use crate::learning::likelihood::negative_log_likelihood;
-use crate::learning::policy_net::{PolicyNet, PolicyTensors, tensor, values};
+use crate::learning::likelihood;
+use crate::learning::policy_net::PolicyNet;
+use crate::learning::state::State;
 
-/// The loss of `batch`.
-///
-/// # Errors
-/// [`TrainError::Tensor`].
-pub fn loss(policy: &PolicyNet, batch: &Batch, device: &Device) -> Result<Loss, TrainError> {
-    let (loss, _) = loss_and_tensors(policy, batch, device)?;
-    Ok(loss)
+/// The method.
+pub struct Bc<'a> {
+    context: Context<'a>,
 }
 
-/// The loss, and what the policy made of the batch.
-///
-/// # Errors
-/// [`TrainError::Tensor`].
-pub fn loss_and_tensors(
-    policy: &PolicyNet,
-    batch: &Batch,
-    device: &Device,
-) -> Result<(Loss, PolicyTensors), TrainError> {
-    let observations =
-        tensor(batch.observations.clone(), batch.observations.len() / batch.n, device);
-    let pre_tanh = tensor(batch.pre_tanh.clone(), batch.pre_tanh.len() / batch.n, device);
-    let output = policy.forward(observations);
-    let tensor = negative_log_likelihood(output.mean.clone(), output.log_std.clone(), pre_tanh);
-    let value: f64 = values(tensor.clone().inner())?.into_iter().map(f64::from).sum();
-    Ok((Loss { tensor, nll: value + batch.nll_offset, hscic: None }, output))
+impl<'a> Bc<'a> {
+    /// For a run of `context`.
+    #[must_use]
+    pub fn new(context: Context<'a>) -> Self {
+        Self { context }
+    }
+}
+
+impl Method for Bc<'_> {
+    fn start(&self) -> State {
+        state(vec![self.architecture().policy_shape().network(self.context.config.seed)])
+    }
+
+    fn step(&mut self, state: &mut State) -> Result<Option<StepReport>, TrainError> {
+        let Context { config, device, constants, .. } = &self.context;
+        let step = state.step + 1;
+        let batch = self.context.batch(state.step).tensors(constants);
+        let network = &mut state.networks[0];
+        let policy =
+            PolicyNet::new(self.architecture().policy_shape(), &network.parameters, device)?;
+        let output = policy.forward(batch.observations.clone());
+        let (loss, nll) = likelihood::of_batch(&output, &batch)?;
+        let report = StepReport::new(nll);
+        report.check(step)?;
+        network.descend(&policy.gradient(&loss)?, config.learning_rate, step)?;
+        Ok(Some(report))
+    }
+
+    fn architecture(&self) -> Architecture {
+        self.context.architecture(Kind::Plain)
+    }
 }

@@ -2,65 +2,80 @@
 
 use burn::tensor::{Device, Tensor};
 
-use crate::learning::algorithms::{Loss, bc};
-use crate::learning::data::Batch;
+use crate::learning::algorithms::{Method, StepReport, state};
+use crate::learning::architecture::{Architecture, Kind};
+use crate::learning::config::PalrConfig;
+use crate::learning::context::{BatchTensors, Context};
 use crate::learning::error::TrainError;
-use crate::learning::kernel::hscic_gradient;
-use crate::learning::policy_net::{PolicyNet, REPRESENTATION_SIZE, tensor, values};
-use crate::learning::weights::WeightMatrix;
+use crate::learning::likelihood;
+use crate::learning::network::tensor;
+use crate::learning::policy_net::PolicyNet;
+use crate::learning::regularizer::{StepWeights, surrogate};
+use crate::learning::state::State;
 
-/// What the regulariser is made of.
-#[derive(Debug, Clone, Copy)]
-pub struct Regularizer<'a> {
-    /// M of the regularised rows.
-    pub weights: &'a WeightMatrix,
-    /// Their standardised observations, `[n, observation_size]`; `None` if they are the batch's own.
-    pub observations: Option<&'a [f32]>,
-    /// α.
-    pub alpha: f64,
-    /// σ² of the representation's kernel.
-    pub bandwidth_sq: f64,
+/// The method.
+pub struct Palr<'a> {
+    context: Context<'a>,
 }
 
-/// NLL of `batch` + α HSCIC.
+impl<'a> Palr<'a> {
+    /// For a run of `context`.
+    #[must_use]
+    pub fn new(context: Context<'a>) -> Self {
+        Self { context }
+    }
+}
+
+/// NLL of `batch` + α HSCIC of φ: a scalar with its gradient, and the terms.
+///
+/// # Source
+/// Equation (8) of the PALR paper.
 ///
 /// # Errors
 /// [`TrainError::Tensor`].
 pub fn loss(
     policy: &PolicyNet,
-    batch: &Batch,
-    regularizer: Regularizer<'_>,
-    device: &Device,
-) -> Result<Loss, TrainError> {
-    let (likelihood, output) = bc::loss_and_tensors(policy, batch, device)?;
-    let representation = match regularizer.observations {
+    batch: &BatchTensors,
+    weights: &StepWeights,
+    config: &PalrConfig,
+    constants: &Device,
+) -> Result<(Tensor<1>, StepReport), TrainError> {
+    let output = policy.forward(batch.observations.clone());
+    let (likelihood, nll) = likelihood::of_batch(&output, batch)?;
+    let representation = match &weights.observations {
         None => output.representation,
         Some(observations) => {
-            let columns = observations.len() / regularizer.weights.n();
-            policy.encode(tensor(observations.to_vec(), columns, device))
+            let columns = observations.len() / weights.weights.n();
+            policy.encode(tensor(observations.clone(), columns, constants))
         }
     };
-    let (penalty, hscic) = surrogate(representation, regularizer, device)?;
-    Ok(Loss { tensor: likelihood.tensor + penalty, hscic: Some(hscic), ..likelihood })
+    let (penalty, hscic) =
+        surrogate(representation, &weights.weights, config.alpha, config.bandwidth_sq)?;
+    Ok((likelihood + penalty, StepReport { hscic: Some(hscic), ..StepReport::new(nll) }))
 }
 
-/// A scalar with the gradient of α HSCIC, and HSCIC itself.
-///
-/// The scalar is `α Σ φ ∘ D` with D, the derivative of HSCIC by φ, held constant: autodiff then
-/// carries D to the parameters and never sees an n × n matrix.
-///
-/// # Errors
-/// [`TrainError::Tensor`].
-pub fn surrogate(
-    representation: Tensor<2>,
-    regularizer: Regularizer<'_>,
-    device: &Device,
-) -> Result<(Tensor<1>, f64), TrainError> {
-    let phi = values(representation.clone().inner())?;
-    let Regularizer { weights, alpha, bandwidth_sq, .. } = regularizer;
-    let hscic = hscic_gradient(&phi, REPRESENTATION_SIZE, weights, bandwidth_sq);
-    let derivative = tensor(hscic.gradient, REPRESENTATION_SIZE, device);
-    Ok(((representation * derivative).sum().mul_scalar(alpha), hscic.value))
+impl Method for Palr<'_> {
+    fn start(&self) -> State {
+        state(vec![self.architecture().policy_shape().network(self.context.config.seed)])
+    }
+
+    fn step(&mut self, state: &mut State) -> Result<Option<StepReport>, TrainError> {
+        let Context { config, device, constants, .. } = &self.context;
+        let step = state.step + 1;
+        let batch = self.context.batch(state.step).tensors(constants);
+        let weights = self.context.weights.of_step(state.step)?;
+        let network = &mut state.networks[0];
+        let shape = self.architecture().policy_shape();
+        let policy = PolicyNet::new(shape, &network.parameters, device)?;
+        let (loss, report) = loss(&policy, &batch, &weights, &config.palr, constants)?;
+        report.check(step)?;
+        network.descend(&policy.gradient(&loss)?, config.learning_rate, step)?;
+        Ok(Some(report))
+    }
+
+    fn architecture(&self) -> Architecture {
+        self.context.architecture(Kind::Plain)
+    }
 }
 
 #[cfg(test)]

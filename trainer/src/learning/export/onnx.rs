@@ -1,13 +1,15 @@
-//! The policy as an ONNX protobuf. Field numbers are those of the public `onnx.proto`.
+//! ONNX protobufs, as far as policies need them. Field numbers are those of the public `onnx.proto`.
 
 use prost::Message;
 
-use crate::learning::error::TrainError;
-use crate::learning::export::TrainedPolicy;
-use crate::learning::policy_net::{LOG_STD_RANGE, NEGATIVE_SLOPE};
+use crate::learning::network::NEGATIVE_SLOPE;
 
 /// `AttributeProto.AttributeType.FLOAT`.
 const ATTRIBUTE_FLOAT: i32 = 1;
+/// `AttributeProto.AttributeType.INT`.
+const ATTRIBUTE_INT: i32 = 2;
+/// `TensorProto.DataType.INT64`.
+const DATA_INT64: i32 = 7;
 /// `TensorProto.DataType.FLOAT`.
 const DATA_FLOAT: i32 = 1;
 /// The version of the file format that came with opset 17.
@@ -38,8 +40,9 @@ struct OperatorSet {
     version: i64,
 }
 
+/// Operations, in an order in which they can be computed.
 #[derive(Clone, PartialEq, Message)]
-struct Graph {
+pub(super) struct Graph {
     #[prost(message, repeated, tag = "1")]
     nodes: Vec<Node>,
     #[prost(string, tag = "2")]
@@ -72,6 +75,8 @@ struct Attribute {
     name: String,
     #[prost(float, tag = "2")]
     float: f32,
+    #[prost(int64, tag = "3")]
+    int: i64,
     #[prost(int32, tag = "20")]
     kind: i32,
 }
@@ -131,56 +136,8 @@ enum DimensionKind {
     Name(String),
 }
 
-/// The bytes of the model.
-pub(super) fn encode(policy: &TrainedPolicy) -> Result<Vec<u8>, TrainError> {
-    let shape = policy.shape;
-    let statistics = &policy.observation_statistics;
-    let observation_size = shape.observation_size as i64;
-    let mut graph = Graph { name: "policy".into(), ..Graph::default() };
-    graph.inputs = vec![matrix("observation", shape.observation_size)];
-    graph.outputs =
-        ["action", "mean", "log_std"].map(|name| matrix(name, shape.action_size)).to_vec();
-
-    graph.constant("observation_mean", &[observation_size], &statistics.mean);
-    graph.constant("observation_std", &[observation_size], &statistics.std);
-    graph.node("Sub", &["observation", "observation_mean"], "centered");
-    graph.node("Div", &["centered", "observation_std"], "standardized");
-
-    for layer in shape.split(&policy.parameters)? {
-        let name = layer.shape.name;
-        let weight = format!("{name}.weight");
-        let dims = [layer.shape.inputs as i64, layer.shape.outputs as i64];
-        graph.constant(&weight, &dims, layer.weight);
-        let input = match name {
-            "encoder_1" => "standardized",
-            "encoder_2" => "encoder_1_active",
-            "hidden" => "encoder_2_active",
-            _ => "hidden_active",
-        };
-        // The heads' outputs are the model's; log_std is still to be clamped.
-        let output = match name {
-            "mean" => "mean".to_owned(),
-            _ => format!("{name}_linear"),
-        };
-        match layer.bias {
-            None => graph.node("MatMul", &[input, &weight], &output),
-            Some(values) => {
-                let bias = format!("{name}.bias");
-                graph.constant(&bias, &[dims[1]], values);
-                let product = format!("{name}_product");
-                graph.node("MatMul", &[input, &weight], &product);
-                graph.node("Add", &[&product, &bias], &output);
-            }
-        }
-        if !matches!(name, "mean" | "log_std") {
-            graph.activation(&output, &format!("{name}_active"));
-        }
-    }
-    graph.constant("log_std_low", &[], &[LOG_STD_RANGE[0] as f32]);
-    graph.constant("log_std_high", &[], &[LOG_STD_RANGE[1] as f32]);
-    graph.node("Clip", &["log_std_linear", "log_std_low", "log_std_high"], "log_std");
-    graph.node("Tanh", &["mean"], "action");
-
+/// The bytes of the model that `graph` is.
+pub(super) fn encode(graph: Graph) -> Vec<u8> {
     let model = Model {
         ir_version: IR_VERSION,
         producer_name: "palr-gym".into(),
@@ -188,11 +145,23 @@ pub(super) fn encode(policy: &TrainedPolicy) -> Result<Vec<u8>, TrainError> {
         graph: Some(graph),
         opset_import: vec![OperatorSet { domain: String::new(), version: OPSET_VERSION }],
     };
-    Ok(model.encode_to_vec())
+    model.encode_to_vec()
 }
 
 impl Graph {
-    fn constant(&mut self, name: &str, dims: &[i64], values: &[f32]) {
+    /// From input `observation` `[N, observation_size]` to `[N, action_size]` each of `action`,
+    /// `mean` and `log_std`.
+    pub(super) fn of_policy(observation_size: usize, action_size: usize) -> Self {
+        Self {
+            name: "policy".into(),
+            inputs: vec![matrix("observation", observation_size)],
+            outputs: ["action", "mean", "log_std"].map(|name| matrix(name, action_size)).to_vec(),
+            ..Self::default()
+        }
+    }
+
+    /// Numbers that the graph holds.
+    pub(super) fn constant(&mut self, name: &str, dims: &[i64], values: &[f32]) {
         self.initializers.push(Tensor {
             dims: dims.to_vec(),
             data_type: DATA_FLOAT,
@@ -201,15 +170,34 @@ impl Graph {
         });
     }
 
-    fn node(&mut self, op_type: &str, inputs: &[&str], output: &str) {
+    /// Indices that the graph holds, `[length]`.
+    pub(super) fn indices(&mut self, name: &str, values: &[i64]) {
+        self.initializers.push(Tensor {
+            dims: vec![values.len() as i64],
+            data_type: DATA_INT64,
+            name: name.to_owned(),
+            raw_data: values.iter().flat_map(|value| value.to_le_bytes()).collect(),
+        });
+    }
+
+    /// An operation without attributes.
+    pub(super) fn node(&mut self, op_type: &str, inputs: &[&str], output: &str) {
         self.nodes.push(node(op_type, inputs, output));
     }
 
-    fn activation(&mut self, input: &str, output: &str) {
+    /// LeakyReLU.
+    pub(super) fn activation(&mut self, input: &str, output: &str) {
         let slope = NEGATIVE_SLOPE as f32;
-        let alpha = Attribute { name: "alpha".into(), float: slope, kind: ATTRIBUTE_FLOAT };
+        let alpha = Attribute { name: "alpha".into(), float: slope, int: 0, kind: ATTRIBUTE_FLOAT };
         let node = node("LeakyRelu", &[input], output);
         self.nodes.push(Node { attributes: vec![alpha], ..node });
+    }
+
+    /// Matrices side by side.
+    pub(super) fn concat(&mut self, inputs: &[&str], output: &str) {
+        let axis = Attribute { name: "axis".into(), float: 0.0, int: 1, kind: ATTRIBUTE_INT };
+        let node = node("Concat", inputs, output);
+        self.nodes.push(Node { attributes: vec![axis], ..node });
     }
 }
 

@@ -1,10 +1,18 @@
 use palr_gym_core::random::Generator;
 
 use super::*;
-use crate::learning::algorithms::bc;
-use crate::learning::data::TrainingSet;
+use crate::learning::data::{Batch, TrainingSet};
+use crate::learning::likelihood;
+use crate::learning::network::{split, tensor, values};
 
-const SHAPE: PolicyShape = PolicyShape { observation_size: 5, action_size: 2 };
+const SHAPE: PolicyShape =
+    PolicyShape { observation_size: 5, action_size: 2, join: Join::Nowhere, is_bottleneck: false };
+
+/// The loss of `batch`: for its gradient, and its value.
+fn loss(policy: &PolicyNet, batch: &Batch) -> (Tensor<1>, f64) {
+    let batch = batch.tensors(&Device::flex());
+    likelihood::of_batch(&policy.forward(batch.observations.clone()), &batch).unwrap()
+}
 
 /// A set of `n` rows with actions up to exactly ±1.
 fn set(n: usize) -> TrainingSet {
@@ -74,15 +82,15 @@ fn likelihood_and_gradient_are_those_of_a_literal_transcription() {
     let set = set(12);
     let batch = set.batch(&(0..12).collect::<Vec<_>>());
     let (_, actions) = set.hscic_actions(&(0..12).collect::<Vec<_>>(), false);
-    let parameters = SHAPE.initial_parameters(1);
+    let parameters = SHAPE.network(1).parameters;
     let device = Device::flex().autodiff();
     let policy = PolicyNet::new(SHAPE, &parameters, &device).unwrap();
-    let loss = bc::loss(&policy, &batch, &device).unwrap();
+    let (loss, nll) = loss(&policy, &batch);
     let mut exact = wide(&parameters);
     let want = literal_nll(&exact, &batch.observations, &actions);
-    assert!((loss.nll - want).abs() < 1e-5 * want.abs(), "{} {want}", loss.nll);
+    assert!((nll - want).abs() < 1e-5 * want.abs(), "{nll} {want}");
 
-    let gradient = policy.gradient(&loss.tensor).unwrap();
+    let gradient = policy.gradient(&loss).unwrap();
     assert_eq!(gradient.len(), SHAPE.parameter_count());
     for index in (0..gradient.len()).step_by(997).chain([gradient.len() - 1]) {
         let mut at = |shift: f64| {
@@ -102,7 +110,7 @@ fn likelihood_and_gradient_are_those_of_a_literal_transcription() {
 fn log_std_is_clamped_and_then_has_no_gradient() {
     let set = set(4);
     let batch = set.batch(&[0, 1, 2, 3]);
-    let mut parameters = SHAPE.initial_parameters(2);
+    let mut parameters = SHAPE.network(2).parameters;
     let count = parameters.len();
     parameters[count - 2..].copy_from_slice(&[50.0, -50.0]);
     let device = Device::flex().autodiff();
@@ -115,22 +123,21 @@ fn log_std_is_clamped_and_then_has_no_gradient() {
         parameters
     };
     let policy = PolicyNet::new(SHAPE, &parameters, &device).unwrap();
-    let loss = bc::loss(&policy, &batch, &device).unwrap();
-    let gradient = policy.gradient(&loss.tensor).unwrap();
+    let gradient = policy.gradient(&loss(&policy, &batch).0).unwrap();
     assert_eq!(gradient[count - 2..], [0.0, 0.0]);
 }
 
 #[test]
 fn initial_parameters_follow_from_the_seed_and_fill_torchs_bounds() {
-    let parameters = SHAPE.initial_parameters(3);
-    assert_eq!(parameters, SHAPE.initial_parameters(3));
-    assert_ne!(parameters, SHAPE.initial_parameters(4));
-    for layer in SHAPE.split(&parameters).unwrap() {
+    let parameters = SHAPE.network(3).parameters;
+    assert_eq!(parameters, SHAPE.network(3).parameters);
+    assert_ne!(parameters, SHAPE.network(4).parameters);
+    for layer in split(&SHAPE.layers(), &parameters).unwrap() {
         let bound = 1.0 / (layer.shape.inputs as f32).sqrt();
         let largest = layer.weight.iter().fold(0.0_f32, |max, x| max.max(x.abs()));
         assert!((0.97 * bound..=bound).contains(&largest), "{}: {largest}", layer.shape.name);
         assert!(layer.bias.into_iter().flatten().all(|x| x.abs() <= bound));
     }
-    let error = SHAPE.split(&parameters[1..]).unwrap_err().to_string();
+    let error = split(&SHAPE.layers(), &parameters[1..]).unwrap_err().to_string();
     assert_eq!(error, "the list of parameters has size 17731; expected 17732");
 }

@@ -1,10 +1,12 @@
-use burn::tensor::Tensor;
+use std::sync::Arc;
+
 use palr_gym_core::random::Generator;
 
 use super::*;
 use crate::learning::data::TrainingSet;
+use crate::learning::network::values;
 use crate::learning::policy_net::PolicyShape;
-use crate::learning::weights::KernelConfig;
+use crate::learning::weights::{KernelConfig, WeightMatrix};
 
 /// M as a square tensor.
 fn square(weights: &WeightMatrix, device: &Device) -> Tensor<2> {
@@ -39,34 +41,40 @@ fn the_surrogate_has_the_gradient_of_autodiff_through_the_kernel() {
     let batch = set.batch(&rows);
     let (past, given) = set.hscic_actions(&rows, true);
     let config = KernelConfig { ridge: 1e-5, bandwidth_sq: 1.0 };
-    let weights = WeightMatrix::new(&past, &given, 2, config).unwrap();
-    let regularizer =
-        Regularizer { weights: &weights, observations: None, alpha: 10.0, bandwidth_sq: 1.0 };
+    let matrix = Arc::new(WeightMatrix::new(&past, &given, 2, config).unwrap());
+    let own = StepWeights { weights: Arc::clone(&matrix), observations: None };
+    let config = PalrConfig::default();
 
-    let device = Device::flex().autodiff();
-    let shape = PolicyShape { observation_size: 4, action_size: 2 };
-    let policy = PolicyNet::new(shape, &shape.initial_parameters(0), &device).unwrap();
-    let got = loss(&policy, &batch, regularizer, &device).unwrap();
-    let got_gradient = policy.gradient(&got.tensor).unwrap();
+    let constants = Device::flex();
+    let device = constants.clone().autodiff();
+    let shape = PolicyShape::plain(4, 2);
+    let policy = PolicyNet::new(shape, &shape.network(0).parameters, &device).unwrap();
+    let tensors = batch.tensors(&constants);
+    let (got, report) = loss(&policy, &tensors, &own, &config, &constants).unwrap();
+    let got_gradient = policy.gradient(&got).unwrap();
 
-    let (likelihood, output) = bc::loss_and_tensors(&policy, &batch, &device).unwrap();
-    let penalty = through_the_kernel(output.representation, &weights, 10.0);
+    let output = policy.forward(tensors.observations.clone());
+    let (likelihood, _) = likelihood::of_batch(&output, &tensors).unwrap();
+    let penalty = through_the_kernel(output.representation, &matrix, 10.0);
     let value = values(penalty.clone().inner()).unwrap()[0];
-    let want_gradient = policy.gradient(&(likelihood.tensor + penalty)).unwrap();
+    let want_gradient = policy.gradient(&(likelihood + penalty)).unwrap();
 
-    assert!((got.hscic.unwrap() * 10.0 - f64::from(value)).abs() < 1e-4 * f64::from(value));
+    let hscic = report.hscic.unwrap();
+    assert!((hscic * 10.0 - f64::from(value)).abs() < 1e-4 * f64::from(value));
     let norm = |x: &[f32]| x.iter().map(|x| f64::from(*x).powi(2)).sum::<f64>().sqrt();
-    let difference: Vec<f32> =
-        got_gradient.iter().zip(&want_gradient).map(|(a, b)| a - b).collect();
-    assert!(norm(&difference) < 2e-5 * norm(&want_gradient), "{}", norm(&difference));
+    let distance = |a: &[f32], b: &[f32]| {
+        let difference: Vec<f32> = a.iter().zip(b).map(|(a, b)| a - b).collect();
+        norm(&difference)
+    };
+    let scale = norm(&want_gradient);
+    assert!(distance(&got_gradient, &want_gradient) < 2e-5 * scale);
     // The penalty is not lost in the likelihood.
-    let plain = policy.gradient(&bc::loss(&policy, &batch, &device).unwrap().tensor).unwrap();
-    let difference: Vec<f32> = plain.iter().zip(&want_gradient).map(|(a, b)| a - b).collect();
-    assert!(norm(&difference) > 1e-2 * norm(&want_gradient));
+    let output = policy.forward(tensors.observations.clone());
+    let (plain, _) = likelihood::of_batch(&output, &tensors).unwrap();
+    assert!(distance(&policy.gradient(&plain).unwrap(), &want_gradient) > 1e-2 * scale);
 
     // The same rows given as rows of a pool.
-    let pooled = Regularizer { observations: Some(&batch.observations), ..regularizer };
-    let pooled = policy.gradient(&loss(&policy, &batch, pooled, &device).unwrap().tensor).unwrap();
-    let difference: Vec<f32> = pooled.iter().zip(&got_gradient).map(|(a, b)| a - b).collect();
-    assert!(norm(&difference) < 2e-5 * norm(&want_gradient), "{}", norm(&difference));
+    let pooled = StepWeights { weights: matrix, observations: Some(batch.observations.clone()) };
+    let (pooled, _) = loss(&policy, &tensors, &pooled, &config, &constants).unwrap();
+    assert!(distance(&policy.gradient(&pooled).unwrap(), &got_gradient) < 2e-5 * scale);
 }
