@@ -66,7 +66,7 @@ pub enum Command {
     Collect(CollectArguments),
     /// Play episodes with a policy on the server and report returns and scores.
     Evaluate(EvaluateArguments),
-    /// Train a policy on recorded demonstrations, with any method of the paper.
+    /// Train a policy on recorded demonstrations, with any of nine methods.
     Train(TrainArguments),
     /// Describe and check data sets.
     Data(DataArguments),
