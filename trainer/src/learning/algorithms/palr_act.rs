@@ -41,7 +41,7 @@ impl Method for PalrAct<'_> {
     }
 
     /// # Source
-    /// Section D.1 of the PALR paper: NLL + α HSCIC(a^I; a[t-1] | a[t]), a^I reparameterised.
+    /// Section D.1 of the PALR paper: NLL + α HSCIC(a^I; a_{t-1} | a_t), a^I reparameterised.
     fn step(&mut self, state: &mut State) -> Result<Option<StepReport>, TrainError> {
         let Context { config, data, device, constants, .. } = &self.context;
         let step = state.step + 1;
