@@ -18,8 +18,10 @@ _NAMES = {
     "batch/hscic": "batch_hscic",
     "training/nll": "training_nll",
     "training/hscic": "training_hscic",
+    "training/action_hscic": "training_action_hscic",
     "held_out/nll": "held_out_nll",
     "held_out/hscic": "held_out_hscic",
+    "held_out/action_hscic": "held_out_action_hscic",
 }
 _EVALUATION_NAMES = {
     "evaluation/return": "return_mean",
