@@ -1,2 +1,0 @@
-// Original file: null
-export {};

@@ -1,2 +1,0 @@
-// Original file: ../../proto/google/rpc/status.proto
-export {};

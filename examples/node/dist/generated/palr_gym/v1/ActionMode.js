@@ -1,6 +1,0 @@
-// Original file: ../../proto/palr_gym/v1/policy.proto
-export const ActionMode = {
-    ACTION_MODE_UNSPECIFIED: 'ACTION_MODE_UNSPECIFIED',
-    ACTION_MODE_DETERMINISTIC: 'ACTION_MODE_DETERMINISTIC',
-    ACTION_MODE_SAMPLED: 'ACTION_MODE_SAMPLED',
-};

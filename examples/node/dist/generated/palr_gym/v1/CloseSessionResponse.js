@@ -1,2 +1,0 @@
-// Original file: ../../proto/palr_gym/v1/environment_service.proto
-export {};

@@ -1,8 +1,0 @@
-// Original file: ../../proto/palr_gym/v1/environment_service.proto
-
-
-export interface CloseSessionResponse {
-}
-
-export interface CloseSessionResponse__Output {
-}
