@@ -59,13 +59,15 @@ pub enum WireAnswer {
 }
 
 /// One buffer for all arrays of an answer, each of which is then a part of it.
-struct Payload {
-    bytes: BytesMut,
+struct Payload<'a> {
+    bytes: &'a mut BytesMut,
 }
 
-impl Payload {
-    fn with_capacity(bytes: usize) -> Self {
-        Self { bytes: BytesMut::with_capacity(bytes) }
+impl<'a> Payload<'a> {
+    /// `capacity` bytes of `room`: the same as last time, once the arrays of then are gone.
+    fn new(room: &'a mut BytesMut, capacity: usize) -> Self {
+        room.reserve(capacity);
+        Self { bytes: room }
     }
 
     fn put<T: bytemuck::NoUninit>(
@@ -127,7 +129,13 @@ impl WireEncode {
         num_envs * (2 * observation + numbers * size_of::<f64>() + 2)
     }
 
-    fn steps(self, spec: &EnvSpec, frame: &StepFrame, shape: &[usize]) -> WireAnswer {
+    fn steps(
+        self,
+        spec: &EnvSpec,
+        frame: &StepFrame,
+        shape: &[usize],
+        room: &mut BytesMut,
+    ) -> WireAnswer {
         let size = spec.observation_size();
         let shape_with = |last: Option<usize>| -> Vec<i64> {
             shape.iter().copied().chain(last).map(|size| size as i64).collect()
@@ -136,7 +144,7 @@ impl WireEncode {
             + (frame.rewards.len() + frame.info.len()) * size_of::<f64>()
             + frame.terminated.len()
             + frame.truncated.len();
-        let mut payload = Payload::with_capacity(capacity);
+        let mut payload = Payload::new(room, capacity);
         let mut answer = v1::StepResponse {
             observations: Some(payload.observations(
                 self.observation_type,
@@ -170,7 +178,8 @@ impl WireEncode {
         let (size, reset_size) = (spec.observation_size(), spec.task.reset_info_names.len());
         let shape = |size: usize| vec![ended.len() as i64, size as i64];
         let observations = rows(&frame.final_observations, size);
-        let mut payload = Payload::with_capacity(0);
+        let mut room = BytesMut::new();
+        let mut payload = Payload::new(&mut room, 0);
         answer.final_observations =
             Some(payload.observations(self.observation_type, &observations, shape(size)));
         if reset_size > 0 {
@@ -182,7 +191,9 @@ impl WireEncode {
     fn standing(self, spec: &EnvSpec, observations: &[f64]) -> v1::Tensor {
         let size = spec.observation_size();
         let shape = vec![(observations.len() / size) as i64, size as i64];
-        let mut payload = Payload::with_capacity(observations.len() * self.observation_type.size());
+        let mut room = BytesMut::new();
+        let mut payload =
+            Payload::new(&mut room, observations.len() * self.observation_type.size());
         payload.observations(self.observation_type, observations, shape)
     }
 
@@ -237,12 +248,13 @@ impl Encode for WireEncode {
         })
     }
 
-    fn step(&self, spec: &EnvSpec, frame: &StepFrame) -> WireAnswer {
-        self.steps(spec, frame, &[frame.rewards.len()])
+    fn step(&self, spec: &EnvSpec, frame: &StepFrame, room: &mut BytesMut) -> WireAnswer {
+        self.steps(spec, frame, &[frame.rewards.len()], room)
     }
 
     fn open_loop(&self, spec: &EnvSpec, frame: &StepFrame) -> WireAnswer {
-        self.steps(spec, frame, &[frame.steps, frame.rewards.len() / frame.steps])
+        let shape = [frame.steps, frame.rewards.len() / frame.steps];
+        self.steps(spec, frame, &shape, &mut BytesMut::new())
     }
 
     fn tag(&self) -> u8 {

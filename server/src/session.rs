@@ -11,15 +11,20 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use bytes::Bytes;
+use bytes::{Bytes, BytesMut};
 use palr_gym_core::EnvSpec;
 use palr_gym_sim::{
-    Job as ThreadJob, SimError, SimulationThreads, Snapshot, StepFrame, VectorEnv, VectorOptions,
+    Job as ThreadJob, OpenLoop, SimError, SimulationThreads, Snapshot, StepFrame, VectorEnv,
+    VectorOptions,
 };
 use tokio::sync::oneshot;
 use uuid::Uuid;
 
 use crate::error::ServerError;
+
+/// An open loop gives other sessions their turn after this many steps of environments: a fraction of
+/// a second.
+const OPEN_LOOP_SLICE: usize = 4096;
 
 /// Names a session.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -109,8 +114,9 @@ pub trait Encode: Send + Sync + 'static {
     /// After a reset.
     fn reset(&self, spec: &EnvSpec, standing: &Standing) -> Self::Answer;
 
-    /// After a step.
-    fn step(&self, spec: &EnvSpec, frame: &StepFrame) -> Self::Answer;
+    /// After a step. `room` is the session's own, to be used again by the next answer once this one
+    /// is gone.
+    fn step(&self, spec: &EnvSpec, frame: &StepFrame, room: &mut BytesMut) -> Self::Answer;
 
     /// After several.
     fn open_loop(&self, spec: &EnvSpec, frame: &StepFrame) -> Self::Answer;
@@ -146,6 +152,10 @@ struct Bench {
     env: VectorEnv,
     frame: StepFrame,
     standing: Standing,
+    /// Where answers to steps are written.
+    room: BytesMut,
+    /// Under way, if the first job in the queue is one.
+    open_loop: Option<OpenLoop>,
 }
 
 /// N environments behind a queue.
@@ -185,6 +195,8 @@ impl<E: Encode> Session<E> {
                 env,
                 frame: StepFrame::default(),
                 standing: Standing::default(),
+                room: BytesMut::new(),
+                open_loop: None,
             }),
             opened: Instant::now(),
             last_used_ms: AtomicU64::new(0),
@@ -265,18 +277,22 @@ impl<E: Encode> Session<E> {
         self.threads.submit(Arc::clone(self) as Arc<dyn ThreadJob>);
     }
 
-    /// Does one job, then queues itself again behind other sessions' work if more is waiting.
+    /// Does one job, or a slice of one, then queues itself again behind other sessions' work if more
+    /// is waiting.
     fn work(self: &Arc<Self>) {
-        let Some(Job { command, reply }) = self.lock_queue().jobs.pop_front() else {
+        let Some(job) = self.lock_queue().jobs.pop_front() else {
             self.lock_queue().is_scheduled = false;
             return;
         };
         // A panic must cost no more than this session.
-        let answer = catch_unwind(AssertUnwindSafe(|| self.execute(&command)))
+        let done = catch_unwind(AssertUnwindSafe(|| self.execute(&job.command)))
             .unwrap_or_else(|_| Err(self.break_down()));
         self.touch();
-        // The caller may have gone; then nobody wants the answer.
-        let _ = reply.send(answer);
+        match done.transpose() {
+            // The caller may have gone; then nobody wants the answer.
+            Some(answer) => drop(job.reply.send(answer)),
+            None => self.lock_queue().jobs.push_front(job),
+        }
         let has_more = {
             let mut queue = self.lock_queue();
             queue.is_scheduled = !queue.jobs.is_empty();
@@ -287,31 +303,41 @@ impl<E: Encode> Session<E> {
         }
     }
 
-    fn execute(&self, command: &Command) -> Result<E::Answer, ServerError> {
+    /// Does a command, or a part of it: then there is no answer yet, and the rest is still to do.
+    fn execute(&self, command: &Command) -> Result<Option<E::Answer>, ServerError> {
         let mut bench = lock(&self.bench);
-        let Bench { env, frame, standing } = &mut *bench;
-        match command {
+        let Bench { env, frame, standing, room, open_loop } = &mut *bench;
+        let answer = match command {
             Command::Reset { seeds, env_indices } => {
                 env.reset(seeds, env_indices)?;
                 standing.look(env);
-                Ok(self.encode.reset(&self.spec, standing))
+                self.encode.reset(&self.spec, standing)
             }
             Command::Step { actions } => {
                 env.step(actions, frame)?;
-                Ok(self.encode.step(&self.spec, frame))
+                self.encode.step(&self.spec, frame, room)
             }
             Command::OpenLoop { actions, steps } => {
-                env.step_open_loop(actions, *steps, frame)?;
+                let mut under_way = match open_loop.take() {
+                    Some(under_way) => under_way,
+                    None => env.begin_open_loop(actions, *steps, frame)?,
+                };
+                let slice = OPEN_LOOP_SLICE / self.num_envs;
+                if !env.continue_open_loop(actions, &mut under_way, slice, frame) {
+                    *open_loop = Some(under_way);
+                    return Ok(None);
+                }
                 let answer = self.encode.open_loop(&self.spec, frame);
                 // Room for that many steps is not worth keeping.
                 *frame = StepFrame::default();
-                Ok(answer)
+                env.release_room();
+                answer
             }
             Command::Standing => {
                 standing.look(env);
-                Ok(self.encode.restored(&self.spec, self.options, standing))
+                self.encode.restored(&self.spec, self.options, standing)
             }
-            Command::Snapshot => Ok(self.encode.snapshot(env.snapshot(self.encode.tag()))),
+            Command::Snapshot => self.encode.snapshot(env.snapshot(self.encode.tag())),
             Command::Restore { snapshot } => {
                 let snapshot = Snapshot::parse(snapshot).map_err(SimError::from)?;
                 if snapshot.tag != self.encode.tag() {
@@ -319,13 +345,19 @@ impl<E: Encode> Session<E> {
                 }
                 env.restore(&snapshot)?;
                 standing.look(env);
-                Ok(self.encode.restored(&self.spec, self.options, standing))
+                self.encode.restored(&self.spec, self.options, standing)
             }
-        }
+        };
+        Ok(Some(answer))
     }
 
+    /// After a panic nobody knows what state the environments are in: no more of them, whoever waits.
     fn break_down(&self) -> ServerError {
-        self.lock_queue().is_broken = true;
+        let mut queue = self.lock_queue();
+        queue.is_broken = true;
+        for job in queue.jobs.drain(..) {
+            drop(job.reply.send(Err(ServerError::SessionBroken { id: self.id })));
+        }
         ServerError::SessionBroken { id: self.id }
     }
 

@@ -78,7 +78,7 @@ async fn what_is_no_snapshot_is_refused_and_changes_nothing() {
         (Bytes::new(), "these 0 bytes are no snapshot"),
         (Bytes::from_static(b"PNG"), "these 3 bytes are no snapshot"),
         (changed(0), "are no snapshot"),
-        (changed(8), "version 0; this build reads version 1"),
+        (changed(8), "version 3; this build reads version 2"),
         (changed(12), "checksum"),
         (changed(good.len() - 1), "checksum"),
         (good.slice(..good.len() - 1), "checksum"),
@@ -97,7 +97,7 @@ async fn what_is_no_snapshot_is_refused_and_changes_nothing() {
 #[tokio::test]
 async fn limits_hold_for_snapshots_and_forks() {
     let mut config = palr_gym_server::ServerConfig::default();
-    config.limits.max_snapshot_bytes = 1500;
+    config.limits.max_snapshot_bytes = 1000;
     config.limits.max_envs = 4;
     let server = TestServer::start(config).await;
     let client = server.client().await;

@@ -54,7 +54,7 @@ struct State {
 
 impl State {
     fn of(env: &Env) -> Self {
-        Self { qpos: env.physics().qpos().to_vec(), qvel: env.physics().qvel().to_vec() }
+        Self { qpos: env.state().qpos().to_vec(), qvel: env.state().qvel().to_vec() }
     }
 }
 

@@ -1,13 +1,14 @@
 //! One environment: a task with mask, frame stack, time limit and generator.
 
 use std::hash::{BuildHasher, RandomState};
+use std::sync::Arc;
 
 use palr_gym_core::random::Generator;
 use palr_gym_core::{EnvSpec, FrameStack};
 
 use crate::divergence::Divergence;
 use crate::error::SimError;
-use crate::physics::Physics;
+use crate::physics::{Physics, State};
 use crate::snapshot::{Reader, SnapshotError, Writer, malformed};
 use crate::tasks::Task;
 
@@ -48,8 +49,12 @@ pub(crate) struct SavedEnv {
 /// A single environment. It does not reset by itself.
 pub struct Env {
     task: &'static dyn Task,
-    mask_indices: Vec<usize>,
-    physics: Physics,
+    spec: Arc<EnvSpec>,
+    state: State,
+    /// Where the task measures its progress from: after a step that can lag `state`.
+    position_m: [f64; 2],
+    /// What the last reset reported.
+    reset_info: Vec<f64>,
     generator: Generator,
     stack: FrameStack,
     full_observation: Vec<f64>,
@@ -62,14 +67,16 @@ impl Env {
     ///
     /// # Errors
     /// [`SimError::Scene`] or [`SimError::Memory`].
-    pub fn new(task: &'static dyn Task, spec: &EnvSpec) -> Result<Self, SimError> {
+    pub fn new(task: &'static dyn Task, spec: &Arc<EnvSpec>) -> Result<Self, SimError> {
         Ok(Self {
             task,
-            physics: Physics::new(task.scene())?,
+            state: task.scene().initial_state()?,
+            position_m: [f64::NAN; 2],
+            reset_info: vec![f64::NAN; spec.task.reset_info_names.len()],
             generator: Generator::from_seed(RandomState::new().hash_one(0)),
             stack: FrameStack::new(spec.mask_indices.len(), spec.env_id.frame_stack),
             full_observation: vec![0.0; spec.task.observation.len()],
-            mask_indices: spec.mask_indices.clone(),
+            spec: Arc::clone(spec),
             elapsed_steps: 0,
         })
     }
@@ -83,12 +90,16 @@ impl Env {
         if let Some(seed) = seed {
             self.generator = Generator::from_seed(seed);
         }
-        let Self { task, physics, generator, .. } = self;
-        physics.reset(|qpos, qvel| task.perturb(generator, qpos, qvel))?;
-        self.elapsed_steps = 0;
-        self.stack.clear();
-        self.observe();
-        Ok(())
+        self.task.scene().on_workbench(|physics| {
+            let Self { task, generator, .. } = self;
+            physics.reset(|qpos, qvel| task.perturb(generator, qpos, qvel))?;
+            self.elapsed_steps = 0;
+            self.stack.clear();
+            self.task.reset_info(physics, &mut self.reset_info);
+            self.take_down(physics);
+            self.observe(physics);
+            Ok(())
+        })?
     }
 
     /// Puts the simulation into a state, keeping everything else. For tests against other
@@ -97,38 +108,54 @@ impl Env {
     /// # Errors
     /// [`SimError::Engine`] if MuJoCo fails.
     pub fn set_state(&mut self, qpos: &[f64], qvel: &[f64]) -> Result<(), SimError> {
-        Ok(self.physics.set_state(qpos, qvel)?)
+        self.task.scene().on_workbench(|physics| {
+            physics.load(&self.state)?;
+            physics.set_state(qpos, qvel)?;
+            self.take_down(physics);
+            Ok(())
+        })?
     }
 
     /// One step. `action` has `action_size` entries, `info` one for each of the task's names.
     pub fn step(&mut self, action: &[f32], info: &mut [f64]) -> Transition {
-        let spec = self.task.spec();
-        let before_m = self.task.position_m(&self.physics);
         self.elapsed_steps += 1;
-        let truncated = self.elapsed_steps >= spec.max_episode_steps;
-        if let Some(divergence) = self.simulate(action, spec.frame_skip) {
-            info.fill(f64::NAN);
-            let divergence = Some(divergence);
-            return Transition { reward: 0.0, terminated: false, truncated: true, divergence };
-        }
-        let outcome = self.task.outcome(&self.physics, before_m, action, info);
-        self.observe();
-        Transition {
-            reward: outcome.reward,
-            terminated: outcome.terminated,
-            truncated,
-            divergence: None,
+        let truncated = self.elapsed_steps >= self.spec.task.max_episode_steps;
+        let stepped = self.task.scene().on_workbench(|physics| {
+            if let Some(divergence) = self.simulate(physics, action) {
+                return Err(divergence);
+            }
+            let outcome = self.task.outcome(physics, self.position_m, action, info);
+            self.take_down(physics);
+            self.observe(physics);
+            Ok(outcome)
+        });
+        match stepped.unwrap_or_else(|error| Err(self.engine_error(&error))) {
+            Ok(outcome) => Transition {
+                reward: outcome.reward,
+                terminated: outcome.terminated,
+                truncated,
+                divergence: None,
+            },
+            Err(divergence) => {
+                info.fill(f64::NAN);
+                let divergence = Some(divergence);
+                Transition { reward: 0.0, terminated: false, truncated: true, divergence }
+            }
         }
     }
 
-    /// What the last reset reports, `reset_info_names` entries, while no step has been taken.
-    pub fn reset_info(&self, info: &mut [f64]) {
-        self.task.reset_info(&self.physics, info);
+    /// What the last reset reported, `reset_info_names` entries; NaN before the first.
+    #[must_use]
+    pub fn reset_info(&self) -> &[f64] {
+        &self.reset_info
     }
 
-    /// Numbers in a snapshot: simulation, full observation, stack.
+    /// Numbers in a snapshot: state, position, full observation, stack.
     fn saved_len(&self) -> usize {
-        self.physics.saved_len() + self.full_observation.len() + self.stack.stacked().len()
+        self.state.values().len()
+            + self.position_m.len()
+            + self.full_observation.len()
+            + self.stack.stacked().len()
     }
 
     /// Bytes in a snapshot.
@@ -138,11 +165,10 @@ impl Env {
 
     /// Appends [`snapshot_len`](Self::snapshot_len) bytes.
     pub(crate) fn save(&self, writer: &mut Writer) {
-        let mut values = Vec::with_capacity(self.saved_len());
-        self.physics.save(&mut values);
-        values.extend_from_slice(&self.full_observation);
-        values.extend_from_slice(self.stack.stacked());
-        writer.f64s(&values);
+        writer.f64s(self.state.values());
+        writer.f64s(&self.position_m);
+        writer.f64s(&self.full_observation);
+        writer.f64s(self.stack.stacked());
         let (state, increment) = self.generator.state();
         writer.u128(state);
         writer.u128(increment);
@@ -157,7 +183,7 @@ impl Env {
         let generator = Generator::from_state(state, increment)
             .ok_or_else(|| malformed("generator", increment, "an odd increment"))?;
         let elapsed_steps = reader.u32("elapsed_steps")?;
-        let max = self.task.spec().max_episode_steps;
+        let max = self.spec.task.max_episode_steps;
         if elapsed_steps > max {
             return Err(malformed("elapsed_steps", elapsed_steps, format!("at most {max}")));
         }
@@ -165,42 +191,52 @@ impl Env {
     }
 
     /// Goes on from where `saved` was.
-    ///
-    /// # Errors
-    /// [`SimError::Engine`] if MuJoCo fails.
-    pub(crate) fn restore(&mut self, saved: SavedEnv) -> Result<(), SimError> {
-        let (physics, observations) = saved.values.split_at(self.physics.saved_len());
-        let (full, stack) = observations.split_at(self.full_observation.len());
-        self.physics.restore(physics)?;
+    pub(crate) fn restore(&mut self, saved: SavedEnv) {
+        let (state, rest) = saved.values.split_at(self.state.values().len());
+        let (position_m, rest) = rest.split_at(self.position_m.len());
+        let (full, stack) = rest.split_at(self.full_observation.len());
+        self.state.copy_from(state);
+        self.position_m.copy_from_slice(position_m);
         self.full_observation.copy_from_slice(full);
         self.stack.restore(stack);
         self.generator = saved.generator;
         self.elapsed_steps = saved.elapsed_steps;
-        Ok(())
     }
 
-    fn simulate(&mut self, action: &[f32], frame_skip: u32) -> Option<Divergence> {
+    fn simulate(&self, physics: &mut Physics, action: &[f32]) -> Option<Divergence> {
         // Actuators with limits would clamp it in silence, while its cost overflows.
         if action.iter().any(|entry| entry.abs() > MAX_CONTROL) {
             return Some(Divergence::BadControl);
         }
-        let done = if self.task.needs_contact_forces() {
-            self.physics.step_with_contact_forces(action, frame_skip)
-        } else {
-            self.physics.step(action, frame_skip)
-        };
-        match done {
-            Ok(()) => self.physics.divergence(),
-            Err(error) => {
-                tracing::warn!(task = self.task.spec().name, "{error}; the episode is truncated");
-                Some(Divergence::EngineError)
+        let frame_skip = self.spec.task.frame_skip;
+        let done = physics.load(&self.state).and_then(|()| {
+            if self.task.needs_contact_forces() {
+                physics.step_with_contact_forces(action, frame_skip)
+            } else {
+                physics.step(action, frame_skip)
             }
+        });
+        match done {
+            Ok(()) => physics.divergence(),
+            Err(error) => Some(self.engine_error(&error)),
         }
     }
 
-    fn observe(&mut self) {
-        self.task.observe(&self.physics, &mut self.full_observation);
-        self.stack.push(self.mask_indices.iter().map(|&index| self.full_observation[index]));
+    fn engine_error(&self, error: &dyn std::error::Error) -> Divergence {
+        tracing::warn!(task = self.spec.task.name, "{error}; the episode is truncated");
+        Divergence::EngineError
+    }
+
+    /// Takes down what is on the bench as this environment's own.
+    fn take_down(&mut self, physics: &Physics) {
+        physics.store(&mut self.state);
+        self.position_m = self.task.position_m(physics);
+    }
+
+    fn observe(&mut self, physics: &Physics) {
+        self.task.observe(physics, &mut self.full_observation);
+        let entries = self.spec.mask_indices.iter().map(|&index| self.full_observation[index]);
+        self.stack.push(entries);
     }
 
     /// The masked, stacked observation.
@@ -217,7 +253,7 @@ impl Env {
 
     /// The simulation's state.
     #[must_use]
-    pub fn physics(&self) -> &Physics {
-        &self.physics
+    pub fn state(&self) -> &State {
+        &self.state
     }
 }

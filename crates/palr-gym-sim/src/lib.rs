@@ -2,7 +2,8 @@
 //!
 //! # Layout
 //! - [`tasks`]: the registry, and one file a task (dynamics, reward, termination, reset).
-//! - [`physics`]: MuJoCo's model and data, and nothing of any task; [`guard`] around its errors,
+//! - [`physics`]: MuJoCo's model and data, the workbench on which each thread puts one simulation's
+//!   state after the other; nothing of any task; [`guard`] around its errors,
 //!   [`divergence`] for states that are none.
 //! - [`mod@env`]: one environment: task + mask + frame stack + time limit + generator.
 //! - [`vector`]: N of them, stepped together; [`snapshot`]: their state as bytes.
@@ -30,4 +31,4 @@ pub use parts::{Part, Parts};
 pub use snapshot::{Snapshot, SnapshotError};
 pub use tasks::{Task, resolve};
 pub use threads::{Job, SimulationThreads};
-pub use vector::{DivergedEpisode, StepFrame, VectorEnv, VectorOptions};
+pub use vector::{DivergedEpisode, OpenLoop, StepFrame, VectorEnv, VectorOptions};

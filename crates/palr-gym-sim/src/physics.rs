@@ -1,5 +1,6 @@
 //! MuJoCo's model and data, and nothing of any task.
 
+use std::cell::RefCell;
 use std::sync::{Arc, OnceLock};
 
 use mujoco_rs::prelude::{MjData, MjModel, MjtState};
@@ -11,15 +12,67 @@ use crate::guard::{self, EngineError};
 /// Everything that a step starts from.
 const INTEGRATION_STATE: u32 = MjtState::mjSTATE_INTEGRATION as u32;
 
-/// The state of one simulation. It lives on one thread at a time.
+/// Scenes for which a thread keeps a workbench; beyond that the one it used longest ago goes.
+const MAX_WORKBENCHES: usize = 32;
+
+/// Everything that decides how a simulation goes on, and nothing that follows from it: a kilobyte
+/// where MuJoCo's data take a megabyte.
+#[derive(Debug, Clone, PartialEq)]
+pub struct State {
+    /// MuJoCo's state of integration: time, qpos, qvel, and so on.
+    integration: Box<[f64]>,
+    nq: usize,
+    nv: usize,
+}
+
+impl State {
+    /// Generalised positions.
+    #[must_use]
+    pub fn qpos(&self) -> &[f64] {
+        &self.integration[1..=self.nq]
+    }
+
+    /// Generalised velocities.
+    #[must_use]
+    pub fn qvel(&self) -> &[f64] {
+        &self.integration[1 + self.nq..][..self.nv]
+    }
+
+    /// All of it, as numbers.
+    pub(crate) fn values(&self) -> &[f64] {
+        &self.integration
+    }
+
+    /// Replaces it by as many numbers of another one.
+    pub(crate) fn copy_from(&mut self, values: &[f64]) {
+        self.integration.copy_from_slice(values);
+    }
+}
+
+/// A workbench for simulations of one scene: MuJoCo's data, into which a [`State`] is put to be
+/// worked on.
+///
+/// Each thread has one for all environments of a scene. What a step touches then stays in that
+/// core's cache whichever environment comes next, and an environment costs no more than its state.
+/// Everything else in MuJoCo's data is computed from the state by each step, so nothing of one
+/// environment is left for the next.
 #[derive(Debug)]
 pub struct Physics {
     model: Arc<MjModel>,
     data: MjData<Arc<MjModel>>,
     /// Where a reset composes the state from which it starts.
     start: Start,
-    /// MuJoCo gave up in the middle: what is in `data` is good for nothing.
-    is_broken: bool,
+    condition: Condition,
+}
+
+/// What may be done with MuJoCo's data.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Condition {
+    Good,
+    /// There are warnings of a simulation that went wrong.
+    Spoiled,
+    /// MuJoCo gave up in the middle.
+    Broken,
 }
 
 #[derive(Debug)]
@@ -34,12 +87,47 @@ pub struct Scene {
     task: &'static str,
     mjcf: &'static str,
     model: OnceLock<Result<Arc<MjModel>, SimError>>,
+    initial: OnceLock<Result<State, SimError>>,
+}
+
+thread_local! {
+    /// This thread's workbenches, the last used one first.
+    static WORKBENCHES: RefCell<Vec<(&'static Scene, Physics)>> = const { RefCell::new(Vec::new()) };
 }
 
 impl Scene {
     /// The scene `mjcf` of `task`, not compiled yet.
     pub(crate) const fn new(task: &'static str, mjcf: &'static str) -> Self {
-        Self { task, mjcf, model: OnceLock::new() }
+        Self { task, mjcf, model: OnceLock::new(), initial: OnceLock::new() }
+    }
+
+    /// The state in which the model begins.
+    ///
+    /// # Errors
+    /// [`SimError::Scene`], or [`SimError::Memory`] if MuJoCo cannot allocate.
+    pub(crate) fn initial_state(&self) -> Result<State, SimError> {
+        self.initial.get_or_init(|| Physics::new(self).map(|physics| physics.state())).clone()
+    }
+
+    /// Has `work` done on this thread's workbench for the scene. Allocates only the first time.
+    ///
+    /// # Errors
+    /// [`SimError::Scene`], or [`SimError::Memory`] if MuJoCo cannot allocate.
+    pub(crate) fn on_workbench<R>(
+        &'static self,
+        work: impl FnOnce(&mut Physics) -> R,
+    ) -> Result<R, SimError> {
+        WORKBENCHES.with_borrow_mut(|benches| {
+            match benches.iter().position(|(scene, _)| std::ptr::eq(*scene, self)) {
+                Some(0) => {}
+                Some(index) => benches[..=index].rotate_right(1),
+                None => {
+                    benches.truncate(MAX_WORKBENCHES - 1);
+                    benches.insert(0, (self, Physics::new(self)?));
+                }
+            }
+            Ok(work(&mut benches[0].1))
+        })
     }
 
     /// Tells scenes apart.
@@ -74,7 +162,31 @@ impl Physics {
         let data = MjData::try_new(Arc::clone(&model))
             .map_err(|error| SimError::Memory { task: scene.task, message: error.to_string() })?;
         let start = Start { qpos: data.qpos().to_vec(), qvel: data.qvel().to_vec() };
-        Ok(Self { model, data, start, is_broken: false })
+        Ok(Self { model, data, start, condition: Condition::Good })
+    }
+
+    /// The state as of now, in memory of its own.
+    fn state(&self) -> State {
+        let integration = self.data.state(INTEGRATION_STATE);
+        State { integration, nq: self.qpos().len(), nv: self.qvel().len() }
+    }
+
+    /// Puts `state` on the bench. Nothing is computed from it: a step does that.
+    ///
+    /// # Errors
+    /// If MuJoCo fails.
+    pub(crate) fn load(&mut self, state: &State) -> Result<(), EngineError> {
+        if self.condition != Condition::Good {
+            self.clear()?;
+        }
+        self.data
+            .set_state(&state.integration, INTEGRATION_STATE)
+            .map_err(|error| EngineError { message: error.to_string() })
+    }
+
+    /// Takes down the state on the bench.
+    pub(crate) fn store(&self, state: &mut State) {
+        self.data.read_state_into(INTEGRATION_STATE, &mut state.integration);
     }
 
     /// Generalised positions.
@@ -129,13 +241,13 @@ impl Physics {
 
     /// The model's initial state, without anything that follows from it.
     fn clear(&mut self) -> Result<(), EngineError> {
-        if self.is_broken {
+        if self.condition == Condition::Broken {
             self.data = MjData::try_new(Arc::clone(&self.model))
                 .map_err(|error| EngineError { message: error.to_string() })?;
-            self.is_broken = false;
         } else {
             self.data.reset();
         }
+        self.condition = Condition::Good;
         Ok(())
     }
 
@@ -151,8 +263,7 @@ impl Physics {
 
     fn forward(&mut self) -> Result<(), EngineError> {
         let done = guard::forward(&mut self.data);
-        self.is_broken = done.is_err();
-        done
+        self.note(done)
     }
 
     /// Holds `action` for `frame_skip` physics steps.
@@ -164,8 +275,7 @@ impl Physics {
             *control = f64::from(entry);
         }
         let done = guard::step(&mut self.data, frame_skip);
-        self.is_broken = done.is_err();
-        done
+        self.note(done)
     }
 
     /// Like [`step`](Self::step), and then computes contact forces.
@@ -179,45 +289,24 @@ impl Physics {
     ) -> Result<(), EngineError> {
         self.step(action, frame_skip)?;
         let done = guard::contact_forces(&mut self.data);
-        self.is_broken = done.is_err();
+        self.note(done)
+    }
+
+    fn note(&mut self, done: Result<(), EngineError>) -> Result<(), EngineError> {
+        if done.is_err() {
+            self.condition = Condition::Broken;
+        }
         done
-    }
-
-    /// Numbers in a [`save`](Self::save).
-    pub(crate) fn saved_len(&self) -> usize {
-        self.model.state_size(INTEGRATION_STATE) + self.data.xpos().as_flattened().len()
-    }
-
-    /// Appends everything that decides what comes next: the state of integration, and the bodies'
-    /// positions, which lag it and from which rewards may be taken.
-    pub(crate) fn save(&self, values: &mut Vec<f64>) {
-        values.extend_from_slice(&self.data.state(INTEGRATION_STATE));
-        values.extend_from_slice(self.data.xpos().as_flattened());
-    }
-
-    /// Takes the [`saved_len`](Self::saved_len) numbers of a [`save`](Self::save) up again. Nothing
-    /// is computed from them: that would bring up to date what lagged.
-    ///
-    /// # Errors
-    /// If MuJoCo fails.
-    pub(crate) fn restore(&mut self, values: &[f64]) -> Result<(), EngineError> {
-        self.clear()?;
-        let (state, positions) = values.split_at(self.model.state_size(INTEGRATION_STATE));
-        self.data
-            .set_state(state, INTEGRATION_STATE)
-            .map_err(|error| EngineError { message: error.to_string() })?;
-        self.data.xpos_mut().as_flattened_mut().copy_from_slice(positions);
-        Ok(())
     }
 
     /// What is wrong with the state, if anything is.
     ///
-    /// MuJoCo counts its warnings since the last reset; after some of them it has put the initial
+    /// MuJoCo counts its warnings since the last [`clear`](Self::clear); after some of them it has put the initial
     /// state in place of the one that went wrong.
-    #[must_use]
-    pub fn divergence(&self) -> Option<Divergence> {
+    pub(crate) fn divergence(&mut self) -> Option<Divergence> {
         let warned = self.data.warning().iter().position(|warning| warning.number > 0);
         if let Some(index) = warned {
+            self.condition = Condition::Spoiled;
             return Some(Divergence::of_warning(index));
         }
         let is_finite = self.qpos().iter().chain(self.qvel()).all(|entry| entry.is_finite());

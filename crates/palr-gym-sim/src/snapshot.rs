@@ -12,7 +12,7 @@ use crate::vector::VectorOptions;
 
 const MAGIC: [u8; 8] = *b"PALRSNAP";
 /// Changes with every change of the layout.
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 
 /// Why bytes are no snapshot, or not one of this vector.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]

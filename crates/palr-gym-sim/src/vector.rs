@@ -30,6 +30,13 @@ pub struct VectorOptions {
     pub out_of_bounds: OutOfBounds,
 }
 
+/// How far an open loop has come.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct OpenLoop {
+    steps: usize,
+    done: usize,
+}
+
 /// N environments of one kind.
 pub struct VectorEnv {
     task: &'static dyn Task,
@@ -175,7 +182,7 @@ impl VectorEnv {
         for piece in self.pieces.iter() {
             for (slot, row) in piece.slots.iter().zip(&mut rows) {
                 if slot.was_reset {
-                    slot.env.reset_info(row);
+                    row.copy_from_slice(slot.env.reset_info());
                 }
             }
         }
@@ -210,22 +217,61 @@ impl VectorEnv {
         steps: usize,
         frame: &mut StepFrame,
     ) -> Result<(), SimError> {
+        let mut open_loop = self.begin_open_loop(actions, steps, frame)?;
+        while !self.continue_open_loop(actions, &mut open_loop, steps, frame) {}
+        Ok(())
+    }
+
+    /// Begins what [`step_open_loop`](Self::step_open_loop) does at once: nothing is stepped yet.
+    ///
+    /// # Errors
+    /// As by [`step`](Self::step).
+    pub fn begin_open_loop(
+        &mut self,
+        actions: &[f32],
+        steps: usize,
+        frame: &mut StepFrame,
+    ) -> Result<OpenLoop, SimError> {
         self.check(actions, steps)?;
         frame.resize(steps, self.num_envs, &self.spec, self.options.autoreset_mode);
         frame.diverged.clear();
+        Ok(OpenLoop { steps, done: 0 })
+    }
+
+    /// Takes up to `max_steps` more steps of an open loop that was begun with the same `actions` and
+    /// `frame`. Returns whether it is finished. Nothing else may be asked of the vector meanwhile.
+    pub fn continue_open_loop(
+        &mut self,
+        actions: &[f32],
+        open_loop: &mut OpenLoop,
+        max_steps: usize,
+        frame: &mut StepFrame,
+    ) -> bool {
+        let row = self.num_envs * self.spec.action_size();
+        let OpenLoop { steps, done } = open_loop;
+        let end = done.saturating_add(max_steps.max(1)).min(*steps);
         if self.options.autoreset_mode == AutoresetMode::Disabled {
-            let row = self.num_envs * self.spec.action_size();
-            for step in 0..steps {
-                self.take_steps(&actions[step * row..(step + 1) * row], step, 1, frame);
-                if frame.has_end(step) {
-                    frame.resize(step + 1, self.num_envs, &self.spec, AutoresetMode::Disabled);
-                    break;
+            while *done < end {
+                self.take_steps(&actions[*done * row..(*done + 1) * row], *done, 1, frame);
+                *done += 1;
+                if frame.has_end(*done - 1) {
+                    frame.resize(*done, self.num_envs, &self.spec, AutoresetMode::Disabled);
+                    return true;
                 }
             }
         } else {
-            self.take_steps(actions, 0, steps, frame);
+            self.take_steps(&actions[*done * row..end * row], *done, end - *done, frame);
+            *done = end;
         }
-        Ok(())
+        end == *steps
+    }
+
+    /// Gives back the room that open loops have taken; single steps will take less again.
+    pub fn release_room(&mut self) {
+        for mut piece in self.pieces.iter() {
+            piece.actions = Vec::new();
+            piece.frame = StepFrame::default();
+        }
     }
 
     /// Takes `steps` steps and writes what they return into the rows of `frame` from `first` on.

@@ -1,5 +1,7 @@
 //! The loop that both evaluation and collection run.
 
+use std::sync::Arc;
+
 use palr_gym_core::EnvSpec;
 use palr_gym_core::random::Generator;
 use palr_gym_sim::{Env, Part, Parts, SimulationThreads, Task, Transition};
@@ -17,7 +19,7 @@ pub struct Plan {
     /// The task.
     pub task: &'static dyn Task,
     /// As the policy sees it.
-    pub spec: EnvSpec,
+    pub spec: Arc<EnvSpec>,
     /// Environments side by side, and rows in the policy's batch.
     pub num_envs: usize,
     /// Episode i is reset with seed + i.

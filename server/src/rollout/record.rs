@@ -81,8 +81,8 @@ impl Log for EpisodeTransitions {
     fn before_step(&mut self, slot: &Slot) {
         self.observations.extend_from_slice(slot.env.observation());
         self.actions.extend_from_slice(&slot.action);
-        self.qpos.extend_from_slice(slot.env.physics().qpos());
-        self.qvel.extend_from_slice(slot.env.physics().qvel());
+        self.qpos.extend_from_slice(slot.env.state().qpos());
+        self.qvel.extend_from_slice(slot.env.state().qvel());
         self.action_log_probs.extend(slot.action_log_prob);
     }
 

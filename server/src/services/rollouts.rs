@@ -127,7 +127,7 @@ impl Services {
         let cancelled = CancellationToken::new();
         let plan = Plan {
             task,
-            spec,
+            spec: Arc::new(spec),
             num_envs,
             seed: request.seed,
             threads: self.threads.clone(),

@@ -85,7 +85,7 @@ impl Encode for Plain {
         Seen { observations: standing.observations.clone(), ..Seen::default() }
     }
 
-    fn step(&self, _: &EnvSpec, frame: &StepFrame) -> Seen {
+    fn step(&self, _: &EnvSpec, frame: &StepFrame, _: &mut BytesMut) -> Seen {
         Seen {
             observations: frame.observations.clone(),
             rewards: frame.rewards.clone(),
@@ -95,7 +95,7 @@ impl Encode for Plain {
     }
 
     fn open_loop(&self, spec: &EnvSpec, frame: &StepFrame) -> Seen {
-        self.step(spec, frame)
+        self.step(spec, frame, &mut BytesMut::new())
     }
 
     fn tag(&self) -> u8 {
@@ -128,7 +128,7 @@ impl State {
         let places = (0..num_envs)
             .map(|_| {
                 let (task, spec) = resolve(ENV_ID).unwrap();
-                Place { env: Env::new(task, &spec).unwrap(), is_over: false }
+                Place { env: Env::new(task, &Arc::new(spec)).unwrap(), is_over: false }
             })
             .collect();
         let mut state = Self { mode, was_reset: false, places };

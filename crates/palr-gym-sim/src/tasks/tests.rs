@@ -2,6 +2,7 @@
 
 use std::collections::BTreeSet;
 use std::path::Path;
+use std::sync::Arc;
 
 use mujoco_rs::prelude::{MjModel, MjtObjBase};
 use palr_gym_core::Mask;
@@ -104,7 +105,7 @@ fn every_task_keeps_the_properties_of_an_environment() {
         let env_id = format!("{}{}", spec.name, spec.fidelity.suffix());
         let (task, env_spec) = resolve(&env_id).unwrap();
         assert_eq!(task.spec().fidelity, spec.fidelity);
-        let mut env = Env::new(task, &env_spec).unwrap();
+        let mut env = Env::new(task, &Arc::new(env_spec)).unwrap();
         let mut info = vec![0.0; spec.info_names.len()];
         let mut low = vec![f64::INFINITY; spec.observation.len()];
         let mut high = vec![f64::NEG_INFINITY; spec.observation.len()];

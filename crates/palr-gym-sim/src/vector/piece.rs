@@ -115,7 +115,8 @@ impl Slot {
             row.info.fill(f64::NAN);
             let divergence = match self.env.reset(None) {
                 Ok(()) => {
-                    self.env.reset_info(&mut row.info[..row.reset_info_size]);
+                    let info = &mut row.info[..row.reset_info_size];
+                    info.copy_from_slice(self.env.reset_info());
                     None
                 }
                 Err(_) => Some(Divergence::EngineError),
@@ -132,7 +133,7 @@ impl Slot {
             }
             self.is_over = self.env.reset(None).is_err();
             if let Some(reset_info) = row.reset_info {
-                self.env.reset_info(reset_info);
+                reset_info.copy_from_slice(self.env.reset_info());
             }
         }
         row.observation.copy_from_slice(self.env.observation());

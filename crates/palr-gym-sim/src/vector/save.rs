@@ -92,7 +92,7 @@ impl VectorEnv {
         for mut piece in self.pieces.iter() {
             for (slot, (env, is_over)) in piece.slots.iter_mut().zip(&mut saved) {
                 slot.is_over = is_over;
-                slot.env.restore(env)?;
+                slot.env.restore(env);
             }
         }
         Ok(())
