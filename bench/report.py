@@ -23,6 +23,7 @@ _HEADINGS: Mapping[str, str] = {
     "latency": "Round trips",
     "start": "Starting",
     "idle": "Idling",
+    "memory": "Memory",
     "train": "Training",
     "render": "Rendering",
     "features": "Features",

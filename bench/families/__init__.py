@@ -1,6 +1,6 @@
 """One module for each first part of a name, and a line here."""
 
-from bench.families import idle, latency, start, step, train
+from bench.families import idle, latency, memory, start, step, train
 from bench.plan import Group
 
 
@@ -11,5 +11,6 @@ def groups() -> list[Group]:
         *latency.groups(),
         *start.groups(),
         *idle.groups(),
+        *memory.groups(),
         *train.groups(),
     ]

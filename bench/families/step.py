@@ -13,6 +13,9 @@ _NUM_ENVS = (1, 8, 64, 512)
 _PEERS_AT = 64
 _UNIT = "environment steps/s"
 _SEED = 0
+# Sessions side by side and environments in each.
+_SESSIONS = (8, 256)
+_ENVS_OF_A_SESSION = 16
 # AsyncVectorEnv is slower by an order of magnitude; a part of the same episodes is enough.
 _ASYNC_PART = 5
 
@@ -142,10 +145,41 @@ def _figures(task: str, num_envs: int) -> list[Figure]:
     ]
 
 
+def _prepare_sessions(settings: Settings) -> Mapping[str, Contender]:
+    task, num_envs = "hopper", _ENVS_OF_A_SESSION
+
+    def with_sessions(count: int) -> float:
+        total = calibrated(settings, task, num_envs * count)
+        work = Work(task, num_envs, total.steps)
+        with listening(*server_command(settings)) as server:
+            command = [*rust_command(settings, work, server), f"--sessions={count}"]
+            return measured(command)["rate"]
+
+    return {str(count): partial(with_sessions, count) for count in _SESSIONS}
+
+
+def _prepare_sizes(settings: Settings) -> Mapping[str, Contender]:
+    def with_size(num_envs: int) -> float:
+        work = calibrated(settings, "hopper", num_envs)
+        with listening(*server_command(settings)) as server:
+            return measured(rust_command(settings, work, server))["rate"]
+
+    return {str(size): partial(with_size, size) for size in (64, 4096)}
+
+
 def groups() -> list[Group]:
-    """All tasks in all sizes."""
+    """All tasks in all sizes; then what many environments, or many sessions, cost each one."""
+    few, many = _SESSIONS
+    sizes = ratio("step.hopper.4096_vs_64", "4096", "64", unit=_UNIT, kind="throughput")
+    sessions = ratio(
+        f"step.hopper.{many}_sessions_vs_{few}", str(many), str(few), unit=_UNIT, kind="throughput"
+    )
     return [
-        Group(_figures(task, num_envs), partial(_prepare, task=task, num_envs=num_envs))
-        for task in _TASKS
-        for num_envs in _NUM_ENVS
+        *(
+            Group(_figures(task, num_envs), partial(_prepare, task=task, num_envs=num_envs))
+            for task in _TASKS
+            for num_envs in _NUM_ENVS
+        ),
+        Group([sizes], _prepare_sizes),
+        Group([sessions], _prepare_sessions),
     ]

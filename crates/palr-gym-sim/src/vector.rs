@@ -63,13 +63,13 @@ impl VectorEnv {
     ) -> Result<Self, SimError> {
         let spec = Arc::new(spec);
         let piece_len = num_envs.div_ceil(MAX_PIECES).max(1);
-        let mut slots = (0..num_envs)
-            .map(|_| Env::new(task, &spec).map(Slot::new))
-            .collect::<Result<Vec<_>, _>>()?;
-        let mut pieces = Vec::new();
-        while !slots.is_empty() {
-            let rest = slots.split_off(piece_len.min(slots.len()));
-            let slots = std::mem::replace(&mut slots, rest);
+        let mut pieces = Vec::with_capacity(num_envs.div_ceil(piece_len));
+        for begin in (0..num_envs).step_by(piece_len) {
+            // Exactly as much room as there are: a session's memory is that of its environments.
+            let mut slots = Vec::with_capacity(piece_len.min(num_envs - begin));
+            for _ in 0..slots.capacity() {
+                slots.push(Slot::new(Env::new(task, &spec)?));
+            }
             pieces.push(Piece::new(slots, Arc::clone(&spec), options.autoreset_mode));
         }
         let pieces = Parts::new(pieces, threads);
