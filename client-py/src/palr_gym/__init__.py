@@ -30,7 +30,8 @@ from palr_gym.errors import (
 from palr_gym.evaluation import EpisodeResult, Evaluation, evaluate
 from palr_gym.leakage import Hscic, hscic
 from palr_gym.registration import make, make_vec, register_envs
-from palr_gym.session import DivergedEpisode, ResetResult, RestoredState, Session, StepResult
+from palr_gym.results import DivergedEpisode, ResetResult, RestoredState, StepResult
+from palr_gym.session import Session
 from palr_gym.specs import (
     EnvironmentSpec,
     Expert,

@@ -58,14 +58,12 @@ from palr_gym.evaluation import (
     evaluation_request,
 )
 from palr_gym.policies import PolicySource
+from palr_gym.results import Shapes, StepResult, step_result
 from palr_gym.session import (
     ObservationDtype,
     OutOfBounds,
-    Shapes,
-    StepResult,
     open_session_request,
     parse_autoreset_mode,
-    step_result,
 )
 from palr_gym.tensors import FLOAT32, float32_tensor, to_array
 

@@ -23,7 +23,8 @@ from palr_gym.evaluation import (
     run_evaluation,
 )
 from palr_gym.policies import PolicySource
-from palr_gym.session import ObservationDtype, OutOfBounds, RestoredState, Session
+from palr_gym.results import RestoredState
+from palr_gym.session import ObservationDtype, OutOfBounds, Session
 
 __all__ = ["DEFAULT_SERVER", "SERVER_VARIABLE", "Client"]
 

@@ -15,7 +15,8 @@ from palr_gym.address import server_or_default
 from palr_gym.arguments import unsigned
 from palr_gym.connection import DEFAULT_DEADLINE_S, Connection
 from palr_gym.errors import InvalidArgument, ResetNeeded
-from palr_gym.session import ObservationDtype, OutOfBounds, RestoredState, Session
+from palr_gym.results import RestoredState
+from palr_gym.session import ObservationDtype, OutOfBounds, Session
 from palr_gym.specs import EnvironmentSpec
 
 

@@ -3,8 +3,7 @@
 import os
 import weakref
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple, Self, SupportsIndex, get_args
+from typing import Any, Literal, Self, SupportsIndex, get_args
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
@@ -19,9 +18,6 @@ from palr_gym._proto.palr_gym.v1.environment_service_pb2 import (
     StepRequest,
     StepResponse,
     StepStreamRequest,
-)
-from palr_gym._proto.palr_gym.v1.environment_service_pb2 import (
-    DivergedEpisode as DivergedEpisodeMessage,
 )
 from palr_gym._proto.palr_gym.v1.snapshot_service_pb2 import (
     ForkSessionRequest,
@@ -45,8 +41,9 @@ from palr_gym.connection import (
 )
 from palr_gym.errors import FailedPrecondition, InvalidArgument, PalrGymError, ServerError
 from palr_gym.exchange import Exchange
+from palr_gym.results import ResetResult, RestoredState, Shapes, StepResult, step_result
 from palr_gym.specs import EnvironmentSpec, environment_spec
-from palr_gym.tensors import BOOL, FLOAT32, FLOAT64, columns, elements, float32_tensor, to_array
+from palr_gym.tensors import BOOL, FLOAT32, FLOAT64, columns, float32_tensor, to_array
 
 OutOfBounds = Literal["reject", "clip", "raw"]
 """What happens to an action outside the action space: the step is refused, the action is clipped
@@ -73,64 +70,6 @@ _AUTORESET_MODES = {
 _MAX_STREAMED_BYTES = 1 << 20
 # A server that is gone must not keep a program from ending.
 _CLOSE_TIMEOUT_S = 2.0
-
-
-class DivergedEpisode(NamedTuple):
-    """An episode that was truncated because the simulation is no longer one of the task."""
-
-    step: int
-    """In which step of an open loop; else 0."""
-    env_index: int
-    reason: str
-    """Such as "bad_control" or "not_finite": the words of the protocol's `Divergence`."""
-
-
-class ResetResult(NamedTuple):
-    """What a reset of N environments returned. Every array is the caller's own."""
-
-    observations: NDArray[np.floating[Any]]
-    """[N, observation size]"""
-    info: NDArray[np.float64]
-    """[reset info names, N]: rows as in `EnvironmentSpec.reset_info_names`. NaN for environments
-    that were not reset."""
-
-
-class RestoredState(NamedTuple):
-    """Where the environments of a restored session stand."""
-
-    observations: NDArray[np.floating[Any]]
-    """[N, observation size]"""
-    is_over: NDArray[np.bool_]
-    """[N]: the episode has ended; the next step resets (NEXT_STEP), or the caller has to."""
-    was_reset: bool
-    """False: there was no reset yet."""
-
-
-class StepResult(NamedTuple):
-    """What a step of N environments returned. Every array is the caller's own.
-
-    After an open loop of K steps every array but the last two has a first dimension K (`info` a
-    second one).
-    """
-
-    observations: NDArray[np.floating[Any]]
-    """[N, observation size]"""
-    rewards: NDArray[np.float64]
-    """[N]"""
-    terminated: NDArray[np.bool_]
-    """[N]: the task ended the episode. Can be set together with `truncated`."""
-    truncated: NDArray[np.bool_]
-    """[N]: the time limit ended the episode, or its simulation diverged."""
-    info: NDArray[np.float64]
-    """[info names, N]: rows as in `EnvironmentSpec.info_names`. NaN for environments that diverged,
-    and for those that this step reset (NEXT_STEP) but for what a reset reports."""
-    final_observations: NDArray[np.floating[Any]] | None
-    """[episodes that ended, observation size], in the order of steps and environments; None if no
-    episode ended, or the mode is not SAME_STEP."""
-    reset_info: NDArray[np.float64] | None
-    """[reset info names, episodes that ended]: what the resets of SAME_STEP reported."""
-    diverged: tuple[DivergedEpisode, ...]
-    """Hardly ever any. Their last reward is 0, their last observation that of the step before."""
 
 
 class Session:
@@ -477,66 +416,6 @@ def open_session_request(
         out_of_bounds=_OUT_OF_BOUNDS[out_of_bounds],
         observation_dtype=_OBSERVATION_DTYPES[observation_dtype],
     )
-
-
-@dataclass(frozen=True)
-class Shapes:
-    """Types and shapes of the arrays that a session sends and receives."""
-
-    observation_dtype: np.dtype[Any]
-    observations: tuple[int, int]
-    actions: tuple[int, int]
-    info: tuple[int, int]
-    reset_info_size: int
-
-    @classmethod
-    def of(cls, spec: EnvironmentSpec, num_envs: int) -> Self:
-        """Those of `num_envs` environments."""
-        return cls(
-            observation_dtype=np.dtype(spec.observation_space.dtype or np.float64),
-            observations=(num_envs, spec.observation_space.shape[0]),
-            actions=(num_envs, spec.action_space.shape[0]),
-            info=(num_envs, len(spec.info_names)),
-            reset_info_size=len(spec.reset_info_names),
-        )
-
-
-def step_result(message: StepResponse, shapes: Shapes, steps: int | None = None) -> StepResult:
-    """The arrays of an answer to a step, or to `steps` steps of an open loop.
-
-    Raises:
-        ServerError: Not what was promised.
-    """
-    first = () if steps is None else (steps,)
-    rows = (*first, shapes.actions[0])
-    dtype = shapes.observation_dtype
-    final_observations = reset_info = None
-    if message.HasField("final_observations"):
-        shape = (-1, *shapes.observations[1:])
-        final_observations = to_array(message.final_observations, dtype, shape)
-        if message.HasField("reset_info"):
-            shape = (len(final_observations), shapes.reset_info_size)
-            reset_info = columns(message.reset_info.data, FLOAT64, shape)
-    return StepResult(
-        elements(message.observations.data, dtype, (*first, *shapes.observations)),
-        elements(message.rewards.data, FLOAT64, rows),
-        elements(message.terminated.data, BOOL, rows),
-        elements(message.truncated.data, BOOL, rows),
-        columns(message.info.data, FLOAT64, (*first, *shapes.info)),
-        final_observations,
-        reset_info,
-        tuple(map(_diverged, message.diverged)) if message.diverged else (),
-    )
-
-
-def _diverged(message: DivergedEpisodeMessage) -> DivergedEpisode:
-    try:
-        name = environment_pb2.Divergence.Name(message.reason)
-    except ValueError:
-        # A newer server's reason.
-        name = str(int(message.reason))
-    reason = name.removeprefix("DIVERGENCE_").lower()
-    return DivergedEpisode(message.step, message.env_index, reason)
 
 
 def parse_autoreset_mode(mode: AutoresetMode | str) -> AutoresetMode:

@@ -1,6 +1,6 @@
 """Many remote environments with Gymnasium's vector interface."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, Self, SupportsIndex, cast
 
 import gymnasium
@@ -16,14 +16,8 @@ from palr_gym.arguments import unsigned
 from palr_gym.connection import DEFAULT_DEADLINE_S, Connection
 from palr_gym.env import refuse_render_mode, restore_or_reopen
 from palr_gym.errors import InvalidArgument, ResetNeeded
-from palr_gym.session import (
-    ObservationDtype,
-    OutOfBounds,
-    ResetResult,
-    RestoredState,
-    Session,
-    StepResult,
-)
+from palr_gym.results import ResetResult, RestoredState, StepResult, single_steps
+from palr_gym.session import ObservationDtype, OutOfBounds, Session
 from palr_gym.specs import EnvironmentSpec
 
 VectorStep = tuple[
@@ -283,7 +277,7 @@ class RemoteVectorEnv(VectorEnv[NDArray[np.floating[Any]], NDArray[np.float32], 
         self._refuse_unless_playing("step_open_loop")
         try:
             result = self._session.step_open_loop(actions)
-            infos = [self._returned(step)[4] for step in _single_steps(result)]
+            infos = [self._returned(step)[4] for step in single_steps(result)]
         except BaseException as error:
             self._note_failure(error)
             raise
@@ -490,23 +484,3 @@ class RemoteVectorEnv(VectorEnv[NDArray[np.floating[Any]], NDArray[np.float32], 
             raise AlreadyPendingCallError(
                 f"{what}() of {self.remote_spec.env_id} before step_wait()", "step"
             )
-
-
-def _single_steps(result: StepResult) -> Iterator[StepResult]:
-    """The steps of an open loop, one by one; arrays of observations and flags are views."""
-    ended = result.terminated | result.truncated
-    begin = 0
-    for step, ends in enumerate(ended.sum(axis=1).tolist()):
-        rows = slice(begin, begin + ends)
-        begin += ends
-        final, reset_info = result.final_observations, result.reset_info
-        yield StepResult(
-            result.observations[step],
-            result.rewards[step],
-            result.terminated[step],
-            result.truncated[step],
-            result.info[:, step].copy(),
-            final[rows].copy() if final is not None and ends else None,
-            reset_info[:, rows] if reset_info is not None and ends else None,
-            tuple(diverged for diverged in result.diverged if diverged.step == step),
-        )
