@@ -81,6 +81,12 @@ def rust_command(settings: Settings, work: Work, server: str) -> list[str]:
     return [binary, f"--server={server}", *work.arguments]
 
 
+def in_process_command(settings: Settings, work: Work) -> list[str]:
+    """Our environments without a server."""
+    binary = str(settings.binaries / "bench-in-process")
+    return [binary, f"--threads={settings.threads}", *work.arguments]
+
+
 def server_command(settings: Settings) -> list[str]:
     """Our server; `listening` names its socket."""
     binary = str(settings.binaries / "palr-gym")
@@ -100,6 +106,9 @@ def _prepare(settings: Settings, *, task: str, num_envs: int) -> Mapping[str, Co
 
     def limit() -> float:
         return same.rate(limit_command(settings, work))
+
+    def in_process() -> float:
+        return same.rate(in_process_command(settings, work))
 
     def rust() -> float:
         with listening(*server_command(settings)) as server:
@@ -121,6 +130,7 @@ def _prepare(settings: Settings, *, task: str, num_envs: int) -> Mapping[str, Co
 
     return {
         "limit": limit,
+        "in_process": in_process,
         "rust": rust,
         "python": python_client,
         "envpool": envpool,
@@ -129,7 +139,7 @@ def _prepare(settings: Settings, *, task: str, num_envs: int) -> Mapping[str, Co
 
 
 def _figures(task: str, num_envs: int) -> list[Figure]:
-    pairs = [("rust", "limit"), ("python", "limit")]
+    pairs = [("in_process", "limit"), ("rust", "limit"), ("python", "limit")]
     if num_envs == _PEERS_AT:
         pairs += [("python", "envpool"), ("python", "gymnasium_async")]
     return [

@@ -3,6 +3,7 @@
 //!
 //! # Layout
 //! - `bin/bench-limit.rs`: bare physics, the upper limit of any server.
+//! - `bin/bench-in-process.rs`: our environments without a server.
 //! - `bin/bench-rust-client.rs`: steps a server through our Rust client.
 //! - `bin/bench-start.rs`: how long a server takes to be healthy.
 //! - `bin/bench-echo.rs`: a server that answers steps without taking any.
