@@ -96,8 +96,14 @@ async fn what_is_no_snapshot_is_refused_and_changes_nothing() {
 
 #[tokio::test]
 async fn limits_hold_for_snapshots_and_forks() {
+    // Room for one environment, not for two.
+    let one = {
+        let server = TestServer::with_defaults().await;
+        let session = Session::open(&server.client().await, open("hopper", 1)).await.unwrap();
+        session.snapshot().await.unwrap().len()
+    };
     let mut config = palr_gym_server::ServerConfig::default();
-    config.limits.max_snapshot_bytes = 1000;
+    config.limits.max_snapshot_bytes = one + 1;
     config.limits.max_envs = 4;
     let server = TestServer::start(config).await;
     let client = server.client().await;

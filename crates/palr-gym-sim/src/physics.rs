@@ -9,8 +9,13 @@ use crate::divergence::Divergence;
 use crate::error::SimError;
 use crate::guard::{self, EngineError};
 
-/// Everything that a step starts from.
-const INTEGRATION_STATE: u32 = MjtState::mjSTATE_INTEGRATION as u32;
+/// What an environment must keep: MuJoCo's state of integration without controls, which come with
+/// each step, and without what no task ever touches (applied forces, active constraints).
+const KEPT_STATE: u32 = MjtState::mjSTATE_FULLPHYSICS as u32
+    | MjtState::mjSTATE_WARMSTART as u32
+    | MjtState::mjSTATE_MOCAP_POS as u32
+    | MjtState::mjSTATE_MOCAP_QUAT as u32
+    | MjtState::mjSTATE_USERDATA as u32;
 
 /// Scenes for which a thread keeps a workbench; beyond that the one it used longest ago goes.
 const MAX_WORKBENCHES: usize = 32;
@@ -19,8 +24,8 @@ const MAX_WORKBENCHES: usize = 32;
 /// where MuJoCo's data take a megabyte.
 #[derive(Debug, Clone, PartialEq)]
 pub struct State {
-    /// MuJoCo's state of integration: time, qpos, qvel, and so on.
-    integration: Box<[f64]>,
+    /// [`KEPT_STATE`]: time, qpos, qvel, and so on.
+    values: Box<[f64]>,
     nq: usize,
     nv: usize,
 }
@@ -29,23 +34,23 @@ impl State {
     /// Generalised positions.
     #[must_use]
     pub fn qpos(&self) -> &[f64] {
-        &self.integration[1..=self.nq]
+        &self.values[1..=self.nq]
     }
 
     /// Generalised velocities.
     #[must_use]
     pub fn qvel(&self) -> &[f64] {
-        &self.integration[1 + self.nq..][..self.nv]
+        &self.values[1 + self.nq..][..self.nv]
     }
 
     /// All of it, as numbers.
     pub(crate) fn values(&self) -> &[f64] {
-        &self.integration
+        &self.values
     }
 
     /// Replaces it by as many numbers of another one.
     pub(crate) fn copy_from(&mut self, values: &[f64]) {
-        self.integration.copy_from_slice(values);
+        self.values.copy_from_slice(values);
     }
 }
 
@@ -167,8 +172,8 @@ impl Physics {
 
     /// The state as of now, in memory of its own.
     fn state(&self) -> State {
-        let integration = self.data.state(INTEGRATION_STATE);
-        State { integration, nq: self.qpos().len(), nv: self.qvel().len() }
+        let values = self.data.state(KEPT_STATE);
+        State { values, nq: self.qpos().len(), nv: self.qvel().len() }
     }
 
     /// Puts `state` on the bench. Nothing is computed from it: a step does that.
@@ -180,13 +185,13 @@ impl Physics {
             self.clear()?;
         }
         self.data
-            .set_state(&state.integration, INTEGRATION_STATE)
+            .set_state(&state.values, KEPT_STATE)
             .map_err(|error| EngineError { message: error.to_string() })
     }
 
     /// Takes down the state on the bench.
     pub(crate) fn store(&self, state: &mut State) {
-        self.data.read_state_into(INTEGRATION_STATE, &mut state.integration);
+        self.data.read_state_into(KEPT_STATE, &mut state.values);
     }
 
     /// Generalised positions.
