@@ -33,7 +33,7 @@ pub mod noise;
 pub mod policy_net;
 pub mod regularizer;
 pub mod state;
-mod streams;
+pub(crate) mod streams;
 pub mod train;
 pub mod weights;
 

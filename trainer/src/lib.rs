@@ -12,6 +12,7 @@
 //! - [`leakage`]: leakage of a policy on recorded demonstrations.
 //! - [`runs`]: run folders that never mix.
 //! - [`imitate`]: runs of imitation learning, from recorded demonstrations to an evaluated policy.
+//! - [`expert`]: experts trained by soft actor-critic, from nothing.
 //! - [`learning`]: policies from arrays: behaviour cloning and PALR.
 //! - [`plot`]: figures, as SVG and PNG.
 
@@ -20,6 +21,7 @@ pub mod client;
 pub mod collect;
 pub mod error;
 pub mod evaluate;
+pub mod expert;
 pub mod imitate;
 pub mod journal;
 pub mod leakage;

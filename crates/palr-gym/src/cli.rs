@@ -3,6 +3,7 @@
 pub mod bench;
 pub mod data;
 pub mod demo;
+pub mod expert;
 pub mod runs;
 pub mod train;
 
@@ -68,6 +69,8 @@ pub enum Command {
     Evaluate(EvaluateArguments),
     /// Train a policy on recorded demonstrations, with any of nine methods.
     Train(TrainArguments),
+    /// Train experts from nothing, and describe them.
+    Expert(expert::ExpertArguments),
     /// Describe and check data sets.
     Data(DataArguments),
     /// List training runs and compare them.

@@ -7,6 +7,7 @@ pub mod data;
 pub mod demo;
 pub mod envs;
 pub mod evaluate;
+pub mod expert;
 pub mod leakage;
 pub mod runs;
 pub mod serve;

@@ -108,7 +108,7 @@ impl EvaluationRecord {
 }
 
 /// Something that has a step.
-trait Stepped {
+pub(crate) trait Stepped {
     fn step(&self) -> u64;
     /// Names and values for TensorBoard.
     fn scalars(&self) -> Vec<(String, f64)>;
@@ -156,14 +156,20 @@ impl Stepped for EvaluationRecord {
 }
 
 /// Records of one kind, in the order of their steps, as lines and as events.
-struct Track<T> {
+pub(crate) struct Track<T> {
     path: PathBuf,
     events: EventFile,
     records: Vec<T>,
 }
 
 impl<T: Stepped + Serialize + DeserializeOwned> Track<T> {
-    fn open(folder: &Path, file: &str, name: &str, is_resumed: bool) -> Result<Self, ClientError> {
+    /// Of `file` in `folder`, and of events named `name`; with what is there if `is_resumed`.
+    pub(crate) fn open(
+        folder: &Path,
+        file: &str,
+        name: &str,
+        is_resumed: bool,
+    ) -> Result<Self, ClientError> {
         let path = folder.join(file);
         let records = if is_resumed { read_lines(&path)? } else { Vec::new() };
         // Derived from the lines, so that a resumed run shows nothing twice.
@@ -176,8 +182,19 @@ impl<T: Stepped + Serialize + DeserializeOwned> Track<T> {
         Ok(track)
     }
 
+    /// What is there, in the order of steps.
+    pub(crate) fn records(&self) -> &[T] {
+        &self.records
+    }
+
+    /// Forgets what came after `step`; events that were shown stay.
+    pub(crate) fn forget_after(&mut self, step: u64) -> Result<(), ClientError> {
+        self.records.retain(|record| record.step() <= step);
+        self.rewrite()
+    }
+
     /// Adds `record` in the place of what was there at its step.
-    fn put(&mut self, record: T) -> Result<(), ClientError> {
+    pub(crate) fn put(&mut self, record: T) -> Result<(), ClientError> {
         let at = self.records.partition_point(|other| other.step() < record.step());
         let is_new = self.records.get(at).is_none_or(|other| other.step() != record.step());
         if is_new {
@@ -201,7 +218,7 @@ impl<T: Stepped + Serialize + DeserializeOwned> Track<T> {
         file.write_all(line.as_bytes()).map_err(failed)
     }
 
-    fn rewrite(&self) -> Result<(), ClientError> {
+    pub(crate) fn rewrite(&self) -> Result<(), ClientError> {
         let lines: Result<String, _> =
             self.records.iter().map(|record| line(&self.path, record)).collect();
         Ok(write_whole(&self.path, lines?.as_bytes())?)

@@ -1,5 +1,7 @@
 //! Adam, on the flat vector of parameters.
 
+use pulp::Arch;
+
 /// Decay of the first moment (torch's default).
 const BETA_1: f32 = 0.9;
 /// Decay of the second moment (torch's default).
@@ -36,13 +38,15 @@ impl Adam {
         let rate = (learning_rate / correction(BETA_1)) as f32;
         let root = (1.0 / correction(BETA_2).sqrt()) as f32;
         let moments = self.first_moment.iter_mut().zip(&mut self.second_moment);
-        for ((parameter, gradient), (first, second)) in
-            parameters.iter_mut().zip(gradient).zip(moments)
-        {
-            *first = BETA_1 * *first + (1.0 - BETA_1) * gradient;
-            *second = BETA_2 * *second + (1.0 - BETA_2) * gradient * gradient;
-            *parameter -= rate * *first / (second.sqrt() * root + EPSILON);
-        }
+        let all = parameters.iter_mut().zip(gradient).zip(moments);
+        // Wider vectors change no bit: each number is computed as before.
+        Arch::new().dispatch(|| {
+            for ((parameter, gradient), (first, second)) in all {
+                *first = BETA_1 * *first + (1.0 - BETA_1) * gradient;
+                *second = BETA_2 * *second + (1.0 - BETA_2) * gradient * gradient;
+                *parameter -= rate * *first / (second.sqrt() * root + EPSILON);
+            }
+        });
     }
 }
 

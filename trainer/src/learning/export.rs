@@ -9,7 +9,9 @@ use safetensors::tensor::{Dtype, TensorView, serialize};
 use crate::learning::architecture::Architecture;
 use crate::learning::data::Standardization;
 use crate::learning::error::TrainError;
-use crate::learning::network::{LayerShape, parameter_count, split, tensor, values};
+use crate::learning::network::{
+    LayerParameters, LayerShape, parameter_count, split, tensor, values,
+};
 use crate::learning::policy_net::POLICY;
 
 /// A policy with the statistics that its observations are standardised by.
@@ -90,6 +92,16 @@ impl TrainedPolicy {
         let views: Vec<_> = views.collect::<Result<_, _>>().map_err(failed)?;
         serialize(views, None).map_err(failed)
     }
+}
+
+/// The policy of `layers` with ReLU between them, hidden ones and then those of mean and log_std, as
+/// an ONNX model with the inputs and outputs of [`TrainedPolicy::to_onnx`].
+pub(crate) fn relu_policy(
+    observation_size: usize,
+    action_size: usize,
+    layers: &[LayerParameters<'_>],
+) -> Result<Vec<u8>, TrainError> {
+    graphs::relu_model(observation_size, action_size, layers)
 }
 
 /// A network's prefix in files, its layers and its part of the parameters.

@@ -21,6 +21,8 @@ pub(crate) enum Purpose {
     Policy = 5,
     /// KF's first stage.
     Predictor = 6,
+    /// What an expert in training tries out: one a round of its environments.
+    Exploration = 7,
     /// Rows of a step's inner updates: the update's number is added.
     InnerBatch = 1000,
     /// What inner updates draw besides rows: the update's number is added.

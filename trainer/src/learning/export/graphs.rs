@@ -54,6 +54,29 @@ pub(super) fn model(policy: &TrainedPolicy) -> Result<Vec<u8>, TrainError> {
     Ok(encode(graph))
 }
 
+/// The bytes of a policy of layers with ReLU between them: hidden ones, then those of mean and
+/// log_std. It takes raw observations.
+pub(super) fn relu_model(
+    observation_size: usize,
+    action_size: usize,
+    layers: &[LayerParameters<'_>],
+) -> Result<Vec<u8>, TrainError> {
+    let [hidden @ .., mean, log_std] = layers else { return Err(wrong_parts()) };
+    let mut graph = Graph::of_policy(observation_size, action_size);
+    let mut input = "observation".to_owned();
+    for layer in hidden {
+        let linear = graph.linear("", layer, &input);
+        input = format!("{linear}_active");
+        graph.node("Relu", &[&linear], &input);
+    }
+    graph.parameters("", mean);
+    graph.apply("", mean, &input, "mean");
+    let spread = graph.linear("", log_std, &input);
+    graph.clip(&spread, "log_std");
+    graph.node("Tanh", &["mean"], "action");
+    Ok(encode(graph))
+}
+
 /// That the parts are as many as the architecture says is the architecture's own doing.
 fn wrong_parts() -> TrainError {
     TrainError::Tensor("a policy's networks are not those of its architecture".into())

@@ -1,0 +1,130 @@
+//! `palr-gym expert`
+
+use std::path::PathBuf;
+
+use clap::{Args, Subcommand};
+use serde_json::{Value, json};
+
+use super::ServerArguments;
+
+/// `palr-gym expert`
+#[derive(Debug, Args)]
+pub struct ExpertArguments {
+    #[command(subcommand)]
+    pub command: ExpertCommand,
+}
+
+/// What to do about experts.
+#[derive(Debug, Subcommand)]
+pub enum ExpertCommand {
+    /// Train an expert from nothing, by soft actor-critic.
+    Train(ExpertTrainArguments),
+    /// Measure the best policy of a run and write its model card.
+    Card(ExpertCardArguments),
+}
+
+/// `palr-gym expert train`
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Truncated quantile critics (or plain SAC) with an automatic temperature, on what the environment shows:
+name the bare task for the full observation. Steps are transitions of all environments together; there
+are fewer updates than steps, because simulation is cheap. The best policy that was evaluated is kept.
+
+The folder holds expert.json, metrics.jsonl, evaluations.jsonl, tensorboard/, policy.onnx,
+policy.safetensors, card.json once finished, and a checkpoint of less than 5 MB. Ctrl-C or SIGTERM
+writes one and exits with 130; so does a kill cost only what came after the last one. A resumed run
+first collects transitions with its policy, as the checkpoint does not hold them.
+
+Examples:
+  palr-gym expert train --env hopper
+  palr-gym expert train --env hopper --resume
+  palr-gym expert train --env ant --from scenes/experts/checkpoints/ant.safetensors
+  palr-gym expert train --env walker2d --critic sac --steps 1000000 --set updates_per_step=1
+  palr-gym expert card ~/.local/state/palr-gym/experts/hopper
+  palr-gym evaluate --env hopper --policy ~/.local/state/palr-gym/experts/hopper/policy.onnx")]
+pub struct ExpertTrainArguments {
+    /// Environment, such as hopper.
+    #[arg(long, value_name = "ID")]
+    pub env: String,
+    /// How the critics estimate returns: tqc or sac [default: tqc].
+    #[arg(long, value_name = "KIND")]
+    pub critic: Option<String>,
+    /// Transitions to collect in all [default: 8000000].
+    #[arg(long, value_name = "N")]
+    pub steps: Option<u64>,
+    /// Seed of everything [default: 0].
+    #[arg(long, value_name = "S")]
+    pub seed: Option<u64>,
+    /// Environments side by side [default: 16].
+    #[arg(long, value_name = "N")]
+    pub num_envs: Option<usize>,
+    /// Updates for each transition [default: 0.25].
+    #[arg(long, value_name = "RATIO")]
+    pub updates_per_step: Option<f64>,
+    /// Transitions between two evaluations [default: 50000].
+    #[arg(long, value_name = "N")]
+    pub evaluate_every: Option<u64>,
+    /// Episodes of an evaluation [default: 10].
+    #[arg(long, value_name = "N")]
+    pub episodes: Option<u32>,
+    /// Episodes of a finished run's card, for the mean action and for sampled ones; 0 for no card.
+    #[arg(long, value_name = "N", default_value_t = 100)]
+    pub card_episodes: u32,
+    /// Any setting by its name, such as batch=512; over everything else.
+    #[arg(long, value_name = "KEY=VALUE")]
+    pub set: Vec<String>,
+    /// Print the settings as TOML and stop.
+    #[arg(long)]
+    pub print_config: bool,
+    /// The run's folder [default: $XDG_STATE_HOME/palr-gym/experts/ID].
+    #[arg(long, value_name = "FOLDER")]
+    pub out: Option<PathBuf>,
+    /// Go on with the run in the folder, with its own settings.
+    #[arg(long, conflicts_with = "from")]
+    pub resume: bool,
+    /// Begin a new folder from this checkpoint, with its settings.
+    #[arg(long, value_name = "CHECKPOINT")]
+    pub from: Option<PathBuf>,
+    #[command(flatten)]
+    pub server: ServerArguments,
+    /// Print the result as JSON.
+    #[arg(long)]
+    pub json: bool,
+}
+
+impl ExpertTrainArguments {
+    /// What the flags set, by setting.
+    pub fn flags(&self) -> Vec<(&'static str, Value)> {
+        let flags = [
+            ("critic", self.critic.as_ref().map(|value| json!(value))),
+            ("steps", self.steps.map(|value| json!(value))),
+            ("seed", self.seed.map(|value| json!(value))),
+            ("num_envs", self.num_envs.map(|value| json!(value))),
+            ("updates_per_step", self.updates_per_step.map(|value| json!(value))),
+            ("evaluate_every", self.evaluate_every.map(|value| json!(value))),
+            ("episodes", self.episodes.map(|value| json!(value))),
+        ];
+        flags.into_iter().filter_map(|(name, value)| Some((name, value?))).collect()
+    }
+}
+
+/// `palr-gym expert card`
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Writes card.json into the folder: command, settings, curve, wall time, checksums, and the returns of
+the mean and of the sampled action over episodes that chose nothing.
+
+Example: palr-gym expert card ~/.local/state/palr-gym/experts/hopper --episodes 100")]
+pub struct ExpertCardArguments {
+    /// The run's folder.
+    #[arg(value_name = "FOLDER")]
+    pub folder: PathBuf,
+    /// Episodes, for the mean action and for sampled ones.
+    #[arg(long, value_name = "N", default_value_t = 100)]
+    pub episodes: u32,
+    #[command(flatten)]
+    pub server: ServerArguments,
+    /// Print the card as JSON.
+    #[arg(long)]
+    pub json: bool,
+}

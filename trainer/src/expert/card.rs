@@ -1,0 +1,175 @@
+//! What is known about a trained expert, measured and written down: its model card.
+
+use std::path::Path;
+
+use palr_gym_core::ActionMode;
+use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
+
+use crate::client::Client;
+use crate::error::ClientError;
+use crate::evaluate::{EvaluateOptions, Evaluation, evaluate};
+use crate::expert::checkpoint;
+use crate::expert::run::{
+    CHECKPOINT_FILE, ExpertManifest, MANIFEST_FILE, ONNX_FILE, SAFETENSORS_FILE,
+};
+use crate::expert::settings::ExpertSettings;
+use crate::imitate::manifest::Versions;
+use crate::imitate::records::{EVALUATIONS_FILE, EvaluationRecord, read_lines};
+use crate::policy::PolicySource;
+
+/// The card's name in a run's folder.
+pub const CARD_FILE: &str = "card.json";
+/// Seed of the first episode of what a card states: none of those that chose the policy.
+pub const CARD_SEED: u64 = 20_000;
+
+/// A model card.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Card {
+    /// Environment id.
+    pub env: String,
+    /// What trains such an expert.
+    pub command: String,
+    /// Every setting, the seed among them.
+    pub settings: ExpertSettings,
+    /// Programs that had a part in it.
+    pub versions: Versions,
+    /// Transitions after which this policy was kept.
+    pub step: u64,
+    /// Transitions of the run so far.
+    pub steps: u64,
+    /// Updates of the run so far.
+    pub updates: u64,
+    /// Seconds of the run so far.
+    pub wall_time_s: f64,
+    /// Times that the run was resumed.
+    pub resumed: u32,
+    /// With the mean action.
+    pub deterministic: Measured,
+    /// With sampled actions.
+    pub sampled: Measured,
+    /// Transitions, and the mean return of the mean action over a few episodes.
+    pub curve: Vec<(u64, f64)>,
+    /// Of `policy.onnx`.
+    pub onnx: FileIdentity,
+    /// Of `policy.safetensors`.
+    pub safetensors: FileIdentity,
+}
+
+/// Returns over episodes.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Measured {
+    /// Mean undiscounted return.
+    pub return_mean: f64,
+    /// Its standard error.
+    pub return_standard_error: Option<f64>,
+    /// Lowest return.
+    pub return_min: f64,
+    /// Mean normalised score.
+    pub score_mean: f64,
+    /// Mean length.
+    pub length_mean: f64,
+    /// Episodes.
+    pub episodes: usize,
+    /// Seed of the first.
+    pub seed: u64,
+}
+
+/// Which file is meant.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct FileIdentity {
+    /// Length.
+    pub bytes: usize,
+    /// 64 hexadecimal digits.
+    pub sha256: String,
+}
+
+impl From<&Evaluation> for Measured {
+    fn from(evaluation: &Evaluation) -> Self {
+        let returns = evaluation.episodes.iter().map(|episode| episode.episode_return);
+        Self {
+            return_mean: evaluation.return_mean,
+            return_standard_error: evaluation.return_standard_error,
+            return_min: returns.fold(f64::INFINITY, f64::min),
+            score_mean: evaluation.score_mean,
+            length_mean: evaluation.length_mean,
+            episodes: evaluation.episodes.len(),
+            seed: evaluation.seed,
+        }
+    }
+}
+
+/// Measures the best policy of the run in `folder` over `episodes` episodes each way.
+///
+/// # Errors
+/// [`ClientError::RunFolder`] if there is no policy yet, [`ClientError::Status`].
+pub async fn measure(client: &Client, folder: &Path, episodes: u32) -> Result<Card, ClientError> {
+    let missing = |what: &str| ClientError::RunFolder {
+        path: folder.into(),
+        message: format!("holds no {what}; train until the first evaluation"),
+    };
+    let read = |name: &str| {
+        std::fs::read(folder.join(name)).map_err(|error| match error.kind() {
+            std::io::ErrorKind::NotFound => missing(name),
+            _ => ClientError::file(folder.join(name), error),
+        })
+    };
+    let manifest = read(MANIFEST_FILE)?;
+    let ExpertManifest { settings, versions } = serde_json::from_slice(&manifest)
+        .map_err(|error| ClientError::file(folder.join(MANIFEST_FILE), error))?;
+    let identity = |name: &str| {
+        let bytes = read(name)?;
+        let digest = Sha256::digest(&bytes);
+        let sha256 = digest.iter().map(|byte| format!("{byte:02x}")).collect();
+        Ok::<_, ClientError>(FileIdentity { bytes: bytes.len(), sha256 })
+    };
+    let (onnx, safetensors) = (identity(ONNX_FILE)?, identity(SAFETENSORS_FILE)?);
+    let restored = checkpoint::read(&folder.join(CHECKPOINT_FILE))?;
+    let restored = restored.ok_or_else(|| missing(CHECKPOINT_FILE))?;
+    let best = restored.counters.best.ok_or_else(|| missing("evaluated policy"))?;
+    let curve = read_lines::<EvaluationRecord>(&folder.join(EVALUATIONS_FILE))?;
+    let mut measured = Vec::new();
+    for action_mode in [ActionMode::Deterministic, ActionMode::Sampled] {
+        let options = EvaluateOptions {
+            env_id: settings.env.clone(),
+            policy: PolicySource::File(folder.join(ONNX_FILE)),
+            episodes,
+            seed: CARD_SEED,
+            action_mode,
+            num_envs: None,
+        };
+        measured.push(Measured::from(&evaluate(client, &options, |_| {}).await?));
+    }
+    let [deterministic, sampled] = <[Measured; 2]>::try_from(measured)
+        .map_err(|_| ClientError::Protocol("an evaluation is missing".into()))?;
+    Ok(Card {
+        env: settings.env.clone(),
+        command: command(&settings),
+        settings,
+        versions,
+        step: best.step,
+        steps: restored.counters.step,
+        updates: restored.agent.updates,
+        wall_time_s: restored.counters.wall_time_s,
+        resumed: restored.counters.resumed,
+        deterministic,
+        sampled,
+        curve: curve.iter().map(|record| (record.step, record.return_mean)).collect(),
+        onnx,
+        safetensors,
+    })
+}
+
+/// The command line that says what differs from the task's defaults.
+fn command(settings: &ExpertSettings) -> String {
+    let json = |settings: &ExpertSettings| serde_json::to_value(settings).unwrap_or_default();
+    let (own, defaults) = (json(settings), json(&ExpertSettings::for_task(&settings.env)));
+    let mut command = format!("palr-gym expert train --env {}", settings.env);
+    for (name, value) in own.as_object().into_iter().flatten() {
+        if defaults.get(name) != Some(value) {
+            let value = value.as_str().map_or_else(|| value.to_string(), str::to_owned);
+            command.push_str(&format!(" --set {name}={value}"));
+        }
+    }
+    command
+}

@@ -1,0 +1,188 @@
+//! What decides a run.
+
+use serde::{Deserialize, Serialize};
+
+use crate::expert::critic::CriticKind;
+use crate::learning::error::TrainError;
+
+/// Everything that can be chosen about the training of an expert.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ExpertSettings {
+    /// Environment id; the expert sees what it shows.
+    pub env: String,
+    /// How the critics estimate returns.
+    pub critic: CriticKind,
+    /// Transitions to collect in all.
+    pub steps: u64,
+    /// Of everything that is random.
+    pub seed: u64,
+    /// Environments side by side.
+    pub num_envs: usize,
+    /// Updates for each transition.
+    pub updates_per_step: f64,
+    /// Transitions of an update.
+    pub batch: usize,
+    /// Transitions that are kept; the oldest go first.
+    pub replay: usize,
+    /// Transitions of uniformly random actions before the first update.
+    pub learning_starts: u64,
+    /// Transitions that a resumed run collects before it updates anything, at most as many as the
+    /// interrupted run kept.
+    pub refill: u64,
+    /// Of Adam, for all networks and the temperature.
+    pub learning_rate: f64,
+    /// γ.
+    pub discount: f64,
+    /// Share of the critics that enters their slow copies with each update.
+    pub polyak: f64,
+    /// Updates of the critics for each one of the actor.
+    pub actor_every: u64,
+    /// Width of the two hidden layers of each network.
+    pub hidden: usize,
+    /// Quantiles of each critic.
+    pub quantiles: usize,
+    /// Quantiles for each critic that are dropped, the highest of all.
+    pub dropped_quantiles: usize,
+    /// α before the first update.
+    pub initial_temperature: f64,
+    /// Entropy that the temperature aims at, in nats; none: -(action size).
+    pub target_entropy: Option<f64>,
+    /// Transitions between two reports.
+    pub log_every: u64,
+    /// Transitions between two evaluations.
+    pub evaluate_every: u64,
+    /// Episodes of an evaluation.
+    pub episodes: u32,
+    /// Transitions between two checkpoints.
+    pub checkpoint_every: u64,
+}
+
+/// The settings as TOML.
+///
+/// # Errors
+/// [`TrainError::Setting`], which no settings cause.
+pub fn to_toml(settings: &ExpertSettings) -> Result<String, TrainError> {
+    toml::to_string(settings).map_err(|error| TrainError::Setting { message: error.to_string() })
+}
+
+impl Default for ExpertSettings {
+    /// The recipe of Kuznetsov et al. (2020), smaller (two critics of 256-256 instead of five of 512-512-512), for a machine on
+    /// which a simulated step is much cheaper than an update.
+    fn default() -> Self {
+        Self {
+            env: "hopper".into(),
+            critic: CriticKind::Tqc,
+            steps: 8_000_000,
+            seed: 0,
+            num_envs: 16,
+            updates_per_step: 0.25,
+            batch: 256,
+            replay: 1_000_000,
+            learning_starts: 10_000,
+            refill: 200_000,
+            learning_rate: 3e-4,
+            discount: 0.99,
+            polyak: 0.005,
+            actor_every: 1,
+            hidden: 256,
+            quantiles: 25,
+            dropped_quantiles: 2,
+            initial_temperature: 1.0,
+            target_entropy: None,
+            log_every: 5_000,
+            evaluate_every: 50_000,
+            episodes: 10,
+            checkpoint_every: 20_000,
+        }
+    }
+}
+
+impl ExpertSettings {
+    /// The defaults for a task.
+    #[must_use]
+    pub fn for_task(env: &str) -> Self {
+        let defaults = Self::default();
+        // Kuznetsov et al. drop more where overestimation hurts most.
+        let dropped_quantiles =
+            if env.starts_with("hopper") { 5 } else { defaults.dropped_quantiles };
+        Self { env: env.to_owned(), dropped_quantiles, ..defaults }
+    }
+
+    /// Refuses what no run can have.
+    ///
+    /// # Errors
+    /// [`TrainError::Setting`].
+    pub fn validate(&self) -> Result<(), TrainError> {
+        let refuse = |message: String| Err(TrainError::Setting { message });
+        let counts = [
+            ("steps", self.steps),
+            ("num_envs", self.num_envs as u64),
+            ("batch", self.batch as u64),
+            ("replay", self.replay as u64),
+            ("learning_starts", self.learning_starts),
+            ("actor_every", self.actor_every),
+            ("hidden", self.hidden as u64),
+            ("quantiles", self.quantiles as u64),
+            ("log_every", self.log_every),
+            ("evaluate_every", self.evaluate_every),
+            ("episodes", u64::from(self.episodes)),
+            ("checkpoint_every", self.checkpoint_every),
+        ];
+        if let Some((name, _)) = counts.iter().find(|(_, value)| *value == 0) {
+            return refuse(format!("{name} is 0; expected at least 1"));
+        }
+        let positive = [
+            ("updates_per_step", self.updates_per_step),
+            ("learning_rate", self.learning_rate),
+            ("initial_temperature", self.initial_temperature),
+        ];
+        for (name, value) in positive {
+            if !(value.is_finite() && value > 0.0) {
+                return refuse(format!("{name} is {value}; expected a finite number above 0"));
+            }
+        }
+        for (name, value) in [("discount", self.discount), ("polyak", self.polyak)] {
+            if !(value > 0.0 && value <= 1.0) {
+                return refuse(format!("{name} is {value}; expected a number in (0, 1]"));
+            }
+        }
+        if let Some(entropy) = self.target_entropy.filter(|entropy| !entropy.is_finite()) {
+            return refuse(format!("target_entropy is {entropy}; expected a finite number"));
+        }
+        if self.dropped_quantiles >= self.quantiles {
+            return refuse(format!(
+                "dropped_quantiles is {}; expected fewer than the {} quantiles",
+                self.dropped_quantiles, self.quantiles
+            ));
+        }
+        if (self.replay as u64) < self.learning_starts.max(self.batch as u64) {
+            return refuse(format!(
+                "replay is {}; expected at least learning_starts ({}) and batch ({})",
+                self.replay, self.learning_starts, self.batch
+            ));
+        }
+        Ok(())
+    }
+
+    /// True if a run with `other` can go on with these: only how long it runs and how it reports
+    /// may differ.
+    #[must_use]
+    pub fn continues(&self, other: &Self) -> bool {
+        let reporting = Self {
+            steps: self.steps,
+            refill: self.refill,
+            log_every: self.log_every,
+            evaluate_every: self.evaluate_every,
+            episodes: self.episodes,
+            checkpoint_every: self.checkpoint_every,
+            num_envs: self.num_envs,
+            updates_per_step: self.updates_per_step,
+            replay: self.replay,
+            learning_rate: self.learning_rate,
+            actor_every: self.actor_every,
+            ..other.clone()
+        };
+        *self == reporting
+    }
+}
