@@ -27,11 +27,11 @@ def environment() -> dict[str, str]:
     return kept | {"PYTHONPATH": str(ROOT), "PYTHONWARNINGS": "ignore"}
 
 
-def measured(command: Sequence[str]) -> dict[str, Any]:
-    """Runs `command` and returns the JSON on the last line of its standard output.
+def ran(command: Sequence[str]) -> str:
+    """Runs `command` and returns what it printed.
 
     Raises:
-        ContenderError: It failed, took too long, or printed something else.
+        ContenderError: It failed or took too long.
     """
     # In a folder of its own: MuJoCo leaves MUJOCO_LOG.TXT where it runs.
     with tempfile.TemporaryDirectory(prefix="palr-bench-") as folder:
@@ -47,14 +47,24 @@ def measured(command: Sequence[str]) -> dict[str, Any]:
             )
         except (OSError, subprocess.TimeoutExpired) as error:
             raise ContenderError(str(error)) from error
-    text = " ".join(command)
     if done.returncode != 0:
         tail = done.stderr[-_LOG_TAIL_CHARACTERS:]
-        raise ContenderError(f"`{text}` ended with {done.returncode}:\n{tail}")
+        raise ContenderError(f"`{' '.join(command)}` ended with {done.returncode}:\n{tail}")
+    return done.stdout
+
+
+def measured(command: Sequence[str]) -> dict[str, Any]:
+    """Runs `command` and returns the JSON on the last line of its standard output.
+
+    Raises:
+        ContenderError: It failed, took too long, or printed something else.
+    """
+    output = ran(command)
     try:
-        return json.loads(done.stdout.splitlines()[-1])
+        return json.loads(output.splitlines()[-1])
     except (IndexError, json.JSONDecodeError):
-        raise ContenderError(f"`{text}` printed no line of JSON: {done.stdout!r}") from None
+        text = " ".join(command)
+        raise ContenderError(f"`{text}` printed no line of JSON: {output!r}") from None
 
 
 def python(settings: Settings, module: str, *arguments: str) -> list[str]:

@@ -1,6 +1,6 @@
 """One module for each first part of a name, and a line here."""
 
-from bench.families import idle, latency, memory, start, step, train
+from bench.families import collect, idle, latency, memory, sac, start, step, train
 from bench.plan import Group
 
 
@@ -13,4 +13,6 @@ def groups() -> list[Group]:
         *idle.groups(),
         *memory.groups(),
         *train.groups(),
+        *sac.groups(),
+        *collect.groups(),
     ]

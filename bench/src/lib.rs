@@ -7,6 +7,9 @@
 //! - `bin/bench-rust-client.rs`: steps a server through our Rust client.
 //! - `bin/bench-start.rs`: how long a server takes to be healthy.
 //! - `bin/bench-echo.rs`: a server that answers steps without taking any.
+//! - `bin/bench-train.rs`: what a step of imitation learning costs; `bin/bench-sac.rs`: updates of
+//!   soft actor-critic.
+//! - `bin/bench-collect-limit.rs`: bare physics and inference, the upper limit of recording.
 //! - here: the work that all of them are given, and how they report.
 //!
 //! Every program measures once and prints one line of JSON; `bench/run.py` repeats, interleaves
