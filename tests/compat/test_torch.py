@@ -53,3 +53,23 @@ def test_a_policy_exported_by_torch_acts_on_the_server_as_in_torch(
     np.testing.assert_allclose(data.actions, expected, atol=1e-5)
     sampled = palr_gym.evaluate("hopper-w2", path, episodes=5, sampled=True, server=server)
     assert len(sampled.episodes) == 5
+
+
+def test_a_recording_is_a_torch_data_set() -> None:
+    recorded = palr_gym.Recording(
+        path="here",
+        env_id=None,
+        observations=np.arange(8, dtype=np.float32).reshape(4, 2),
+        actions=np.array([[0.1], [0.2], [0.3], [0.4]], np.float32),
+        rewards=np.zeros(4, np.float32),
+        terminals=np.array([False, True, False, False]),
+        timeouts=np.zeros(4, bool),
+        next_observations=None,
+    )
+    dataset = recorded.torch()
+    assert len(dataset) == 4
+    loader = torch.utils.data.DataLoader(dataset, batch_size=4)
+    observations, actions, past_actions = next(iter(loader))
+    assert torch.equal(observations, torch.arange(8.0).reshape(4, 2))
+    assert torch.equal(actions[:, 0], torch.tensor([0.1, 0.2, 0.3, 0.4]))
+    assert torch.equal(past_actions[:, 0], torch.tensor([0.0, 0.1, 0.0, 0.3]))

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use bytes::Bytes;
 use ndarray::Array2;
-use palr_gym_core::ActionMode;
+use palr_gym_core::{ActionMode, Fidelity};
 use palr_gym_data::{Demonstrations, Samples, Selection, View};
 use palr_gym_proto::v1;
 use palr_gym_proto::v1::estimate_leakage_request::Subject;
@@ -114,6 +114,10 @@ pub(crate) async fn view(client: &Client, spec: &v1::EnvironmentSpec) -> Result<
         action_size: task.action_size as usize,
         mask_indices: spec.mask_indices.iter().map(|&index| index as usize).collect(),
         frame_stack: spec.frame_stack as usize,
+        fidelity: match spec.fidelity() {
+            v1::Fidelity::Gym5 => Fidelity::Gym5,
+            v1::Fidelity::Gym4 | v1::Fidelity::Unspecified => Fidelity::Gym4,
+        },
     })
 }
 

@@ -4,6 +4,7 @@
 - `gymnasium.make_vec("palr_gym/hopper-w2-v0", num_envs=64, server=...)`: many, in one session.
 - `evaluate("hopper-w2", "policy.onnx")`, `collect("hopper", "expert", transitions=30_000)`: the
   server steps the environments itself.
+- `load_dataset("hopper.hdf5")`: recorded demonstrations as arrays, or for torch.
 - `hscic(representation, past_action, given_action)`: how much the first repeats the second.
 - `Client`: everything else that a server offers; `palr_gym.aio.Client` for asyncio.
 
@@ -29,6 +30,7 @@ from palr_gym.errors import (
 )
 from palr_gym.evaluation import EpisodeResult, Evaluation, evaluate
 from palr_gym.leakage import Hscic, hscic
+from palr_gym.recordings import Recording, load_dataset
 from palr_gym.registration import make, make_vec, register_envs
 from palr_gym.results import DivergedEpisode, ResetResult, RestoredState, StepResult
 from palr_gym.session import Session
@@ -62,6 +64,7 @@ __all__ = [
     "NotFound",
     "OpenLoop",
     "PalrGymError",
+    "Recording",
     "ReferenceReturns",
     "RemoteEnv",
     "RemoteVectorEnv",
@@ -82,6 +85,7 @@ __all__ = [
     "collect",
     "evaluate",
     "hscic",
+    "load_dataset",
     "make",
     "make_vec",
     "register_envs",

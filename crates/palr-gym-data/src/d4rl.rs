@@ -6,7 +6,7 @@
 //! | `actions` | float32 | `[N, action size]` |
 //! | `rewards` | float32 | `[N]` |
 //! | `terminals`, `timeouts` | bool | `[N]` |
-//! | `infos/qpos`, `infos/qvel` | float64 | `[N, nq]`, `[N, nv]` |
+//! | `infos/qpos`, `infos/qvel` | float64 | `[N, nq]`, `[N, nv]`, if known |
 //! | `infos/action_log_probs` | float32 | `[N]`, if known |
 //! | `metadata/*` | string, int64 | scalar |
 //!
@@ -36,16 +36,16 @@ pub struct D4rlShape {
     pub observation_size: usize,
     /// Entries of an action.
     pub action_size: usize,
-    /// Generalised positions.
+    /// Generalised positions; 0 if unknown.
     pub nq: usize,
-    /// Generalised velocities.
+    /// Generalised velocities; 0 if unknown.
     pub nv: usize,
     /// True if log densities of actions are known.
     pub has_action_log_probs: bool,
 }
 
 /// HDF5's text, or the system's alone where HDF5 wraps a full disk in a page of it.
-fn plain(error: &dyn std::fmt::Display) -> String {
+pub(crate) fn plain(error: &dyn std::fmt::Display) -> String {
     const NO_SPACE: &str = "No space left on device";
     let text = error.to_string();
     if text.contains(NO_SPACE) { NO_SPACE.to_owned() } else { text }
@@ -71,8 +71,8 @@ pub struct D4rlWriter {
     rewards: Dataset,
     terminals: Dataset,
     timeouts: Dataset,
-    qpos: Dataset,
-    qvel: Dataset,
+    qpos: Option<Dataset>,
+    qvel: Option<Dataset>,
     action_log_probs: Option<Dataset>,
     written: usize,
 }
@@ -102,7 +102,8 @@ impl D4rlWriter {
             create::<f32>(group, name, &[n, width]).map_err(|error| failed(name, error))
         };
         let matrix64 = |name: &str, width: usize| {
-            create::<f64>(&infos, name, &[n, width]).map_err(|error| failed(name, error))
+            let dataset = || create::<f64>(&infos, name, &[n, width]);
+            (width > 0).then(dataset).transpose().map_err(|error| failed(name, error))
         };
         let flags =
             |name: &str| create::<bool>(&file, name, &[n]).map_err(|error| failed(name, error));
@@ -189,8 +190,13 @@ impl D4rlWriter {
         self.write_column(&self.rewards, &narrow(&episode.rewards))?;
         self.write_column(&self.terminals, &terminals)?;
         self.write_column(&self.timeouts, &timeouts)?;
-        self.write_rows(&self.qpos, &episode.qpos, nq)?;
-        self.write_rows(&self.qvel, &episode.qvel, nv)?;
+        for (dataset, values, width) in
+            [(&self.qpos, &episode.qpos, nq), (&self.qvel, &episode.qvel, nv)]
+        {
+            if let Some(dataset) = dataset {
+                self.write_rows(dataset, values, width)?;
+            }
+        }
         if let Some(dataset) = &self.action_log_probs {
             self.write_column(dataset, &narrow(&episode.action_log_probs))?;
         }
@@ -244,7 +250,7 @@ impl D4rlWriter {
 
 // Objects hold no time of creation, so that equal input gives equal bytes.
 
-fn group(parent: &Group, name: &str) -> hdf5_metno::Result<Group> {
+pub(crate) fn group(parent: &Group, name: &str) -> hdf5_metno::Result<Group> {
     parent.create_group_builder().obj_track_times(false).create(name)
 }
 
@@ -288,7 +294,11 @@ pub fn summarize(path: &Path) -> Result<Summary, DataError> {
     })
 }
 
-fn create<T: H5Type>(group: &Group, name: &str, shape: &[usize]) -> hdf5_metno::Result<Dataset> {
+pub(crate) fn create<T: H5Type>(
+    group: &Group,
+    name: &str,
+    shape: &[usize],
+) -> hdf5_metno::Result<Dataset> {
     let mut chunk = shape.to_vec();
     chunk[0] = chunk[0].clamp(1, CHUNK_ROWS);
     group

@@ -178,7 +178,7 @@ pub enum DataError {
     },
     /// The file says that it holds another environment's data.
     #[error(
-        "{}: holds data of {got}; expected full single observations of {task}, as of {task}-v0",
+        "{}: holds data of {got}; expected full single observations of {task}, as of {want}",
         path.display()
     )]
     Environment {
@@ -188,6 +188,8 @@ pub enum DataError {
         got: String,
         /// The view's task.
         task: String,
+        /// An id that would do.
+        want: String,
     },
     /// Observations or actions of another width than the task's: data of another task, or masked.
     #[error(

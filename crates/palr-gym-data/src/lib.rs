@@ -3,6 +3,8 @@
 //! # Layout
 //! - [`d4rl`]: the HDF5 layout of D4RL, written episode by episode.
 //! - [`transitions`]: what one episode holds.
+//! - [`source`]: recordings of either layout, read an episode at a time; [`minari`]: the other
+//!   layout; [`mod@copy`]: from one to the other, or a part.
 //! - [`read`]: any D4RL file, ours or theirs, read and checked.
 //! - [`demonstrations`]: the arrays of such a file and where its episodes lie.
 //! - [`selection`]: training rows and held-out rows.
@@ -12,19 +14,24 @@
 //!
 //! Not here: where transitions come from; what is learnt from them.
 
+pub mod copy;
 pub mod d4rl;
 pub mod demonstrations;
 pub mod error;
+pub mod minari;
 pub mod read;
 pub mod samples;
 pub mod selection;
+pub mod source;
 pub mod standardize;
 pub mod statistics;
 pub mod transitions;
 
+pub use copy::{Copied, Layout};
 pub use d4rl::{D4rlShape, D4rlWriter, Metadata};
 pub use demonstrations::{Arrays, Demonstrations};
 pub use error::DataError;
 pub use samples::{Samples, View};
 pub use selection::{HeldOut, Selection};
+pub use source::{Part, Source};
 pub use transitions::Episode;

@@ -9,7 +9,7 @@
 //! | `metadata/env_id` | string | scalar, if present |
 //!
 //! Nothing else is looked at, so it may be there or not: `next_observations`, `infos/*`, other
-//! `metadata/*`. Not read: Minari's layout.
+//! `metadata/*`. A folder is read as a data set in Minari's layout ([`crate::minari`]).
 
 use std::fmt::Display;
 use std::fs;
@@ -22,6 +22,7 @@ use ndarray::{Array1, Array2};
 
 use crate::demonstrations::{Arrays, Demonstrations, check_shapes};
 use crate::error::DataError;
+use crate::source::Source;
 
 /// The first bytes of every HDF5 file.
 const SIGNATURE: &[u8] = b"\x89HDF\r\n\x1a\n";
@@ -36,12 +37,15 @@ const FLOATS: &str = "float32 or float64";
 const FLAGS: &str = "bool, or integers or floats that are 0 or 1";
 
 impl Demonstrations {
-    /// Reads and checks a file in D4RL's layout.
+    /// Reads and checks a file in D4RL's layout, or a folder in Minari's.
     ///
     /// # Errors
     /// [`DataError`]: `Read` for what the system or HDF5 refuses, `NotHdf5`, `Damaged`, `Missing`,
     /// `Type`, `Flag`, and those of [`Demonstrations::new`].
     pub fn read(path: &Path) -> Result<Self, DataError> {
+        if path.is_dir() {
+            return Self::gather(&Source::open(path)?, path);
+        }
         let file = open(path)?;
         let column = |name, reason| Column::open(path, &file, name, reason);
         let observations = column("observations", "the observation before each action")?;
@@ -63,6 +67,37 @@ impl Demonstrations {
             timeouts: timeouts.flags()?,
         };
         Self::new(path, env_id(&file), arrays)
+    }
+}
+
+impl Demonstrations {
+    /// All episodes of a recording.
+    fn gather(source: &Source, path: &Path) -> Result<Self, DataError> {
+        let shape = source.shape();
+        let (mut observations, mut actions, mut rewards) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut terminals, mut timeouts) = (Vec::new(), Vec::new());
+        for index in 0..shape.lengths.len() {
+            let episode = source.read(index, usize::MAX)?;
+            observations.extend(episode.observations.iter().map(|&value| value as f32));
+            actions.extend_from_slice(&episode.actions);
+            rewards.extend(episode.rewards.iter().map(|&value| value as f32));
+            let is_last = |row: usize| row + 1 == episode.len();
+            terminals.extend((0..episode.len()).map(|row| is_last(row) && episode.terminated));
+            timeouts.extend((0..episode.len()).map(|row| is_last(row) && episode.timed_out));
+        }
+        let n = rewards.len();
+        let matrix = |name: &str, width: usize, values: Vec<f32>| {
+            Array2::from_shape_vec((n, width), values)
+                .map_err(|error| unreadable(path, name, &error))
+        };
+        let arrays = Arrays {
+            observations: matrix("observations", shape.observation_size, observations)?,
+            actions: matrix("actions", shape.action_size, actions)?,
+            rewards: Array1::from_vec(rewards),
+            terminals: Array1::from_vec(terminals),
+            timeouts: Array1::from_vec(timeouts),
+        };
+        Self::new(path, source.env_id().map(str::to_owned), arrays)
     }
 }
 
@@ -145,11 +180,11 @@ impl<'a> Column<'a> {
     }
 }
 
-fn unreadable(path: &Path, dataset: &str, error: &dyn Display) -> DataError {
+pub(crate) fn unreadable(path: &Path, dataset: &str, error: &dyn Display) -> DataError {
     DataError::Read { path: path.into(), dataset: dataset.to_owned(), message: error.to_string() }
 }
 
-fn open(path: &Path) -> Result<File, DataError> {
+pub(crate) fn open(path: &Path) -> Result<File, DataError> {
     let start = start_of(path).map_err(|error| unreadable(path, "the file", &error))?;
     File::open(path).map_err(|error| {
         if !start.starts_with(SIGNATURE) {
@@ -181,7 +216,7 @@ fn describe(start: &[u8]) -> String {
 }
 
 /// `metadata/env_id`; `None` if it is absent or no text.
-fn env_id(file: &File) -> Option<String> {
+pub(crate) fn env_id(file: &File) -> Option<String> {
     let dataset = file.dataset("metadata/env_id").ok()?;
     let fixed = || dataset.read_scalar::<FixedUnicode<ENV_ID_SIZE>>().map(|text| text.to_string());
     let ascii = || dataset.read_scalar::<VarLenAscii>().map(|text| text.to_string());

@@ -5,7 +5,7 @@
 
 use ndarray::{Array2, ArrayViewMut1};
 use palr_gym_core::env_id::MAX_FRAME_STACK;
-use palr_gym_core::{EnvId, EnvSpec, FrameStack, Mask};
+use palr_gym_core::{EnvId, EnvSpec, Fidelity, FrameStack, Mask};
 
 use crate::demonstrations::Demonstrations;
 use crate::error::DataError;
@@ -28,6 +28,8 @@ pub struct View {
     pub mask_indices: Vec<usize>,
     /// Observations in a stack, w.
     pub frame_stack: usize,
+    /// Which of Gymnasium's definitions of the task.
+    pub fidelity: Fidelity,
 }
 
 impl From<&EnvSpec> for View {
@@ -38,6 +40,7 @@ impl From<&EnvSpec> for View {
             action_size: spec.action_size(),
             mask_indices: spec.mask_indices.clone(),
             frame_stack: spec.env_id.frame_stack,
+            fidelity: spec.env_id.fidelity,
         }
     }
 }
@@ -64,13 +67,19 @@ impl View {
             return Err(DataError::FrameStack { task: task(), got, max });
         }
         let path = || demonstrations.source().to_path_buf();
-        // Names that are not ours, such as `HalfCheetah-v4`, say nothing that columns do not.
-        let named = demonstrations.env_id().and_then(|text| text.parse::<EnvId>().ok());
-        let full = |fidelity| EnvId { task: task(), mask: Mask::Full, fidelity, frame_stack: 1 };
-        // Recordings of both definitions of a task have the same columns, as far as both go.
-        if let Some(got) = named.filter(|named| *named != full(named.fidelity)) {
-            let got = got.to_string();
-            return Err(DataError::Environment { path: path(), got, task: task() });
+        let want =
+            EnvId { task: task(), mask: Mask::Full, fidelity: self.fidelity, frame_stack: 1 };
+        // The definitions of a task have columns in common, but not rewards, ends of episodes and
+        // bodies: data of one are not those of the other.
+        let got = demonstrations.env_id();
+        let is_other = got.is_some_and(|got| match got.parse::<EnvId>() {
+            Ok(named) => named != want,
+            // Of Gymnasium's own names, such as `HalfCheetah-v4`, columns tell the task.
+            Err(_) => gymnasium_fidelity(got).is_some_and(|fidelity| fidelity != self.fidelity),
+        });
+        if is_other {
+            let (got, want) = (got.unwrap_or_default().to_owned(), want.to_string());
+            return Err(DataError::Environment { path: path(), got, task: task(), want });
         }
         let also = if self.task == "ant" { ANT_COLUMNS } else { &[] };
         for (dataset, values, want, also) in [
@@ -86,6 +95,17 @@ impl View {
             }
         }
         Ok(())
+    }
+}
+
+/// Which definition a name of Gymnasium's means; none for other names and versions.
+fn gymnasium_fidelity(name: &str) -> Option<Fidelity> {
+    let (task, version) = name.rsplit_once("-v")?;
+    let is_task = ["Hopper", "Walker2d", "HalfCheetah", "Ant"].contains(&task);
+    match version {
+        "4" if is_task => Some(Fidelity::Gym4),
+        "5" if is_task => Some(Fidelity::Gym5),
+        _ => None,
     }
 }
 

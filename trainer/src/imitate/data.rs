@@ -110,8 +110,13 @@ impl Rows {
     }
 }
 
-/// Of a file's bytes, which may be more than fit into memory.
-fn sha256(path: &Path) -> Result<String, ClientError> {
+/// Of a file's bytes, which may be more than fit into memory; of a folder in Minari's layout, those
+/// of its one HDF5 file. In lower-case hexadecimal digits.
+///
+/// # Errors
+/// [`ClientError::File`].
+pub fn sha256(path: &Path) -> Result<String, ClientError> {
+    let path = &palr_gym_data::minari::main_file(path);
     let failed = |error| ClientError::file(path, error);
     let mut hasher = Sha256::new();
     let mut file = BufReader::with_capacity(1 << 20, File::open(path).map_err(failed)?);

@@ -50,6 +50,7 @@ fn view(mask_indices: &[usize], frame_stack: usize) -> View {
         action_size: A,
         mask_indices: mask_indices.to_vec(),
         frame_stack,
+        fidelity: Fidelity::Gym4,
     }
 }
 
@@ -211,6 +212,12 @@ fn data_of_another_task_and_senseless_views_are_refused() {
     let hopper = view(&[0, 1], 2);
     check(&hopper, D, Some("hopper-v0"), Ok(()));
     check(&hopper, D, Some("Hopper-v4"), Ok(()));
+    check(&hopper, D, Some("hopper-gym5"), Err("holds data of hopper-gym5; expected full"));
+    check(&hopper, D, Some("Hopper-v5"), Err("holds data of Hopper-v5; expected full"));
+    let newer = View { fidelity: Fidelity::Gym5, ..hopper.clone() };
+    check(&newer, D, Some("Hopper-v5"), Ok(()));
+    check(&newer, D, Some("hopper-gym5"), Ok(()));
+    check(&newer, D, Some("hopper-v0"), Err("of hopper, as of hopper-gym5-v0"));
     check(&hopper, 17, None, Err("observations has 17 columns; hopper's full observation has 5:"));
     check(&hopper, 105, None, Err("observations has 105 columns"));
     check(
@@ -219,7 +226,7 @@ fn data_of_another_task_and_senseless_views_are_refused() {
         Some("walker2d-v0"),
         Err("data.hdf5: holds data of walker2d-v0; expected full single observations of hopper"),
     );
-    check(&hopper, D, Some("hopper-strict"), Err("holds data of hopper-strict-w1-v0"));
+    check(&hopper, D, Some("hopper-strict"), Err("holds data of hopper-strict"));
     check(&hopper, D, Some("hopper-w2-v0"), Err("holds data of hopper-w2-v0"));
     let walker = View { action_size: 6, ..hopper };
     check(&walker, D, None, Err("actions has 2 columns; hopper's full action has 6:"));

@@ -12,7 +12,11 @@ use super::ServerArguments;
 Examples:
   palr-gym data info hopper.hdf5
   palr-gym data info d4rl.hdf5 --env hopper --json
-  palr-gym data verify hopper.hdf5        exit code 1 if something is wrong with it")]
+  palr-gym data info hopper.hdf5 --plot hopper    histograms of returns and actions
+  palr-gym data verify hopper.hdf5        exit code 1 if something is wrong with it
+  palr-gym data slice hopper.hdf5 small.hdf5 --transitions 5000
+  palr-gym data convert hopper.hdf5 hopper-expert-v0    a data set of Minari's, and back:
+  palr-gym data convert ~/.minari/datasets/mujoco/hopper/expert-v0 hopper.hdf5")]
 pub struct DataArguments {
     #[command(subcommand)]
     pub command: DataCommand,
@@ -22,15 +26,69 @@ pub struct DataArguments {
 #[derive(Debug, Subcommand)]
 pub enum DataCommand {
     /// Episodes, returns, scores, saturation, persistence and repetition of actions.
-    Info(DataFileArguments),
+    Info(DataInfoArguments),
     /// Check what training relies on, finding by finding.
     Verify(DataFileArguments),
+    /// Copy some of the episodes.
+    Slice(DataSliceArguments),
+    /// Copy from D4RL's layout to Minari's, or back.
+    Convert(DataConvertArguments),
+}
+
+/// `palr-gym data info`
+#[derive(Debug, Args)]
+pub struct DataInfoArguments {
+    #[command(flatten)]
+    pub data: DataFileArguments,
+    /// Draw histograms of returns, lengths and actions, as PATH.svg and PATH.png.
+    #[arg(long, value_name = "PATH")]
+    pub plot: Option<PathBuf>,
+}
+
+/// `palr-gym data slice`
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Nothing is held in memory but one episode at a time. The layout of OUT follows from its name: HDF5 in
+D4RL's if it ends in .hdf5 or .h5, else a folder in Minari's.")]
+pub struct DataSliceArguments {
+    #[command(flatten)]
+    pub convert: DataConvertArguments,
+    /// First episode, from 0.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub first_episode: usize,
+    /// Episodes [default: all that follow].
+    #[arg(long, value_name = "N")]
+    pub episodes: Option<usize>,
+    /// Most transitions; the last episode is cut, as if the recording had stopped there.
+    #[arg(long, value_name = "N")]
+    pub transitions: Option<usize>,
+}
+
+/// `palr-gym data convert`
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Nothing is held in memory but one episode at a time. The layout of OUT follows from its name: HDF5 in
+D4RL's if it ends in .hdf5 or .h5, else a folder in Minari's. D4RL's layout holds observations as
+float32; Minari's keeps the type that it is given.")]
+pub struct DataConvertArguments {
+    /// HDF5 file in D4RL's layout, or a folder in Minari's.
+    #[arg(value_name = "IN")]
+    pub from: PathBuf,
+    /// What to write; must not be there.
+    #[arg(value_name = "OUT")]
+    pub to: PathBuf,
+    /// Name of the data set in Minari's layout, ending in -vN [default: OUT's name].
+    #[arg(long, value_name = "NAME")]
+    pub id: Option<String>,
+    /// Print the result as JSON.
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// A data set.
 #[derive(Debug, Args)]
 pub struct DataFileArguments {
-    /// HDF5 file in D4RL's layout.
+    /// HDF5 file in D4RL's layout, or a folder in Minari's.
     #[arg(value_name = "FILE")]
     pub file: PathBuf,
     /// Task for normalised scores [default: what the file says that it holds].

@@ -1,12 +1,15 @@
 //! `palr-gym data`
 
+mod copies;
+mod histograms;
+
 use faer::Mat;
-use palr_gym_data::Demonstrations;
 use palr_gym_data::statistics::{SATURATED, Spread, Statistics};
+use palr_gym_data::{Demonstrations, Part};
 use palr_gym_leakage::{HscicConfig, effective_dimension};
 use serde::Serialize;
 
-use crate::cli::data::DataFileArguments;
+use crate::cli::data::{DataFileArguments, DataInfoArguments, DataSliceArguments};
 use crate::cli::{DataArguments, DataCommand};
 use crate::{backend, output};
 
@@ -72,11 +75,19 @@ struct Finding {
 /// Describes or checks.
 pub async fn run(arguments: DataArguments) -> anyhow::Result<()> {
     match arguments.command {
-        DataCommand::Info(arguments) => {
-            let info = describe(&arguments).await?;
-            if arguments.json { output::json(&info) } else { print(&info) }
+        DataCommand::Info(DataInfoArguments { data, plot }) => {
+            let info = describe(&data).await?;
+            if let Some(path) = plot {
+                histograms::draw(&path, &data.file)?;
+            }
+            if data.json { output::json(&info) } else { print(&info) }
         }
         DataCommand::Verify(arguments) => verify(&arguments).await,
+        DataCommand::Convert(arguments) => copies::run(&arguments, &Part::default()),
+        DataCommand::Slice(arguments) => {
+            let DataSliceArguments { convert, first_episode, episodes, transitions } = arguments;
+            copies::run(&convert, &Part { first_episode, episodes, transitions })
+        }
     }
 }
 
