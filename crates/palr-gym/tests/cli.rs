@@ -44,6 +44,7 @@ fn every_command_teaches_its_use() {
         "evaluate",
         "leakage",
         "train",
+        "expert",
         "data",
         "runs",
         "plot",

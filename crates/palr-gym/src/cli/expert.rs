@@ -9,6 +9,10 @@ use super::ServerArguments;
 
 /// `palr-gym expert`
 #[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  palr-gym expert train --env hopper
+  palr-gym expert card ~/.local/state/palr-gym/experts/hopper")]
 pub struct ExpertArguments {
     #[command(subcommand)]
     pub command: ExpertCommand,
