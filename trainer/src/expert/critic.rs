@@ -195,9 +195,9 @@ mod tests {
     }
 
     #[test]
-    fn quantile_regression_finds_the_quantiles_of_its_targets() {
-        // 0, 0.1, .. 10 as targets: gradient descent ends where the Huber-smoothed pinball loss of
-        // each level is least; the median and the symmetric pair are known.
+    fn quantile_regression_finds_where_its_slopes_balance() {
+        // 0, 0.1, .. 10 as targets, all but U(0, 10). Where v is at least 1 from its ends, the Huber
+        // loss's slopes balance at τ (9.5 - v) = (1 - τ) (v - 0.5), so at v = 0.5 + 9 τ.
         let targets: Vec<f32> = (0..=100).map(|at| at as f32 / 10.0).collect();
         let mut values = vec![0.0; 5];
         let mut gradient = Vec::new();
@@ -208,11 +208,9 @@ mod tests {
                 *value -= 2.0 * slope;
             }
         }
-        assert!((values[2] - 5.0).abs() < 0.01, "{values:?}");
-        assert!((values[0] + values[4] - 10.0).abs() < 0.02, "{values:?}");
-        // Levels .1 and .3 of U(0, 10), whatever the smoothing does at the edge.
-        assert!((values[1] - 3.0).abs() < 0.1, "{values:?}");
-        assert!((values[0] - 1.0).abs() < 0.3, "{values:?}");
+        for (value, want) in values.iter().zip([1.4, 3.2, 5.0, 6.8, 8.6]) {
+            assert!((value - want).abs() < 0.06, "{values:?}");
+        }
         assert!(last > 0.0);
     }
 
