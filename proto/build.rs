@@ -2,11 +2,12 @@
 
 use std::path::PathBuf;
 
-const FILES: [&str; 7] = [
+const FILES: [&str; 8] = [
     "palr_gym/v1/environment_service.proto",
     "palr_gym/v1/evaluation_service.proto",
     "palr_gym/v1/collection_service.proto",
     "palr_gym/v1/leakage_service.proto",
+    "palr_gym/v1/render_service.proto",
     "palr_gym/v1/server_service.proto",
     "palr_gym/v1/snapshot_service.proto",
     "dm_env_rpc/v1/dm_env_rpc.proto",

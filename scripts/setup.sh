@@ -3,6 +3,8 @@
 #
 #   scripts/setup.sh build    what `cargo build` needs (make demo)
 #   scripts/setup.sh test     that, and what `make test` needs
+#   scripts/setup.sh gl       only OSMesa, which draws pictures, into native/gl: for machines on which
+#                             apt cannot install it
 #
 # Everything lands inside the checkout, except Debian packages (apt, only as root or with sudo)
 # and cargo-nextest (cargo's own bin folder). Nothing that is already there is fetched again.
@@ -11,9 +13,9 @@ cd "$(dirname "$0")/.."
 
 goal="${1:-build}"
 case "$goal" in
-  build | test) ;;
+  build | test | gl) ;;
   *)
-    echo "setup.sh: unknown goal '$goal'; expected 'build' or 'test'" >&2
+    echo "setup.sh: unknown goal '$goal'; expected 'build', 'test' or 'gl'" >&2
     exit 64
     ;;
 esac
@@ -23,6 +25,33 @@ die() {
   printf 'setup: error: %s\n' "$*" >&2
   exit 1
 }
+
+# --- OSMesa without root ---------------------------------------------------------------------
+# Unpacks Debian's packages instead of installing them. The server looks into native/gl when the
+# system has no OSMesa.
+fetch_osmesa() {
+  local folder packages
+  folder=$(mktemp -d)
+  # What OSMesa needs beyond the C library, as far as it is packaged.
+  packages=$(apt-cache depends --recurse --no-recommends --no-suggests --no-conflicts --no-breaks \
+    --no-replaces --no-enhances --no-pre-depends libosmesa6 2>/dev/null |
+    grep -E '^lib' | grep -vE '^(libc6|libgcc-s1|libcrypt1|libstdc\+\+6)' | sort -u)
+  [ -n "$packages" ] || { rm -rf "$folder"; return 1; }
+  # shellcheck disable=SC2086 # a list of names
+  (cd "$folder" && apt-get download -qq $packages) >/dev/null 2>&1 || { rm -rf "$folder"; return 1; }
+  mkdir -p native/gl
+  for package in "$folder"/*.deb; do
+    dpkg -x "$package" "$folder/root"
+  done
+  find "$folder/root" -name 'lib*.so.*' -exec cp -a {} native/gl/ \;
+  rm -rf "$folder"
+  ls native/gl/libOSMesa.so.* >/dev/null 2>&1
+}
+if [ "$goal" = gl ]; then
+  fetch_osmesa || die "apt cannot fetch libosmesa6 (Mesa 25.1 and newer have none): install libegl1 and libegl-mesa0 instead"
+  say "ready (gl)"
+  exit
+fi
 
 # --- Debian packages -------------------------------------------------------------------------
 missing=()
@@ -43,6 +72,22 @@ if [ ${#missing[@]} -gt 0 ]; then
   say "installing ${missing[*]} with apt"
   "${as_root[@]}" apt-get update -qq
   "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq "${missing[@]}" >/dev/null
+fi
+
+# OpenGL for pictures, drawn by the processor. All but pictures works without, so failing here is
+# no error; Mesa 25.1 and newer have EGL only.
+has_library() { ldconfig -p 2>/dev/null | grep -qE "$1"; }
+apt_install() {
+  local as_root=()
+  [ "$(id -u)" = 0 ] || as_root=(sudo -n)
+  { "${as_root[@]}" apt-get install -y -qq "$@" ||
+    { "${as_root[@]}" apt-get update -qq && "${as_root[@]}" apt-get install -y -qq "$@"; }; } >/dev/null 2>&1
+}
+if ! has_library 'libOSMesa\.so\.[68]' && ! ls native/gl/libOSMesa.so.* >/dev/null 2>&1; then
+  say "installing OSMesa, which draws pictures"
+  export DEBIAN_FRONTEND=noninteractive
+  apt_install libosmesa6 || fetch_osmesa || has_library 'libEGL_mesa\.so\.0' || apt_install libegl1 libegl-mesa0 ||
+    say "warning: no OpenGL to draw with; everything but pictures works (apt-get install libosmesa6)"
 fi
 
 # --- Versions --------------------------------------------------------------------------------

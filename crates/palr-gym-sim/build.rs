@@ -7,4 +7,7 @@ fn main() {
     if let Ok(folder) = std::env::var("MUJOCO_DYNAMIC_LINK_DIR") {
         println!("cargo::rustc-link-arg=-Wl,-rpath,{folder}");
     }
+    // Where set-up puts what it fetches: OSMesa may be beside it.
+    let folder = std::env::var("MUJOCO_DYNAMIC_LINK_DIR").unwrap_or_default();
+    println!("cargo::rustc-env=PALR_GYM_NATIVE_DIR={folder}");
 }

@@ -3,12 +3,15 @@
 use std::time::Duration;
 
 use palr_gym_onnx::PolicyLimits;
+use palr_gym_sim::render::GlChoice;
 
 /// Everything that can be chosen about a server, but for where it listens.
 #[derive(Debug, Clone)]
 pub struct ServerConfig {
     /// Threads that simulate, shared by all sessions.
     pub simulation_threads: usize,
+    /// What pictures are drawn with; loaded when the first one is asked for.
+    pub gl: GlChoice,
     /// What clients may ask for.
     pub limits: Limits,
     /// How long a shutdown waits for running work.
@@ -20,6 +23,7 @@ impl Default for ServerConfig {
     fn default() -> Self {
         Self {
             simulation_threads: std::thread::available_parallelism().map_or(1, usize::from),
+            gl: GlChoice::default(),
             limits: Limits::default(),
             drain_timeout: Duration::from_secs(10),
         }

@@ -2,13 +2,17 @@
 
 use bytes::Bytes;
 use faer::Mat;
-use palr_gym_core::{ActionMode, AutoresetMode, BoxSpace, EnvSpec, Fidelity, Mask, OutOfBounds};
+use palr_gym_core::{
+    ActionMode, AutoresetMode, BoxSpace, EnvSpec, Fidelity, Mask, OutOfBounds, SceneOptions,
+    WeatherMode,
+};
 use palr_gym_proto::v1;
 use palr_gym_sim::{Task, VectorOptions, tasks};
 
 use crate::encode::ObservationType;
 use crate::error::ServerError;
-use crate::experts::{self, MODEL_CARD, sha256};
+use crate::experts;
+use crate::pictures::{ImageFormat, Pictures};
 use crate::rollout::{Amount, EpisodeResult, EpisodeTransitions, EvaluationSummary, PolicyChoice};
 
 // Payloads are little-endian; so is every machine that MuJoCo's wheels exist for.
@@ -56,7 +60,7 @@ pub fn matrix(
     let size_of_element = match tensor.dtype() {
         v1::DataType::Float32 => size_of::<f32>(),
         v1::DataType::Float64 => size_of::<f64>(),
-        v1::DataType::Unspecified | v1::DataType::Bool => {
+        v1::DataType::Unspecified | v1::DataType::Bool | v1::DataType::Uint8 => {
             return Err(wrong("float32 or float64".into()));
         }
     };
@@ -111,6 +115,7 @@ pub fn actions(
             v1::DataType::Float32 => "float32".to_owned(),
             v1::DataType::Float64 => "float64".to_owned(),
             v1::DataType::Bool => "bool".to_owned(),
+            v1::DataType::Uint8 => "uint8".to_owned(),
         };
         return Err(ServerError::ActionDtype { got });
     }
@@ -139,7 +144,7 @@ pub(crate) fn observation_type(value: i32) -> Result<ObservationType, ServerErro
     match known(value, "observation_dtype", want)? {
         v1::DataType::Unspecified | v1::DataType::Float64 => Ok(ObservationType::Float64),
         v1::DataType::Float32 => Ok(ObservationType::Float32),
-        v1::DataType::Bool => {
+        v1::DataType::Bool | v1::DataType::Uint8 => {
             Err(ServerError::UnknownEnum { field: "observation_dtype", got: value, want })
         }
     }
@@ -201,11 +206,12 @@ pub(crate) fn environment_spec(
         control_timestep_s: task.control_timestep_s(),
         info_names: names(task.info_names),
         reference_returns: Some(reference_returns(task.reference_returns)),
-        has_expert: experts::expert(task.name).is_some(),
+        has_expert: experts::about(task.name).is_some(),
         mask_indices: indices(&spec.mask_indices),
         fidelity: fidelity(task.fidelity).into(),
         equals: task.equals.to_owned(),
         reset_info_names: names(task.reset_info_names),
+        camera_names: names(task.camera_names),
     }
 }
 
@@ -219,18 +225,18 @@ pub(crate) fn task(task: &dyn Task) -> v1::Task {
         full_observation_size: spec.observation.len() as u32,
         action_size: spec.action_names.len() as u32,
         max_episode_steps: spec.max_episode_steps,
-        masks: Mask::ALL
-            .into_iter()
+        masks: spec
+            .masks()
             .map(|value| v1::TaskMask {
                 mask: mask(value).into(),
                 indices: indices(&spec.mask_indices(value)),
             })
             .collect(),
         reference_returns: Some(reference_returns(spec.reference_returns)),
-        expert: experts::expert(spec.name).map(|expert| v1::Expert {
-            sha256: sha256(expert.onnx),
-            card_return: expert.card_return,
-            model_card: MODEL_CARD.to_owned(),
+        expert: experts::about(spec.name).map(|about| v1::Expert {
+            sha256: about.sha256,
+            card_return: about.card_return,
+            model_card: about.model_card.to_owned(),
         }),
         fidelity_profiles: Fidelity::ALL
             .into_iter()
@@ -271,6 +277,42 @@ pub(crate) fn out_of_bounds(value: i32) -> Result<OutOfBounds, ServerError> {
         v1::OutOfBounds::Clip => OutOfBounds::Clip,
         v1::OutOfBounds::Raw => OutOfBounds::Raw,
     })
+}
+
+/// What is unset keeps its default.
+pub(crate) fn scene_options(options: v1::SceneOptions) -> Result<SceneOptions, ServerError> {
+    let default = SceneOptions::default();
+    Ok(SceneOptions {
+        lead_car_probability: options.lead_car_probability.unwrap_or(default.lead_car_probability),
+        weather: match known(options.weather, "scene_options.weather", "FIXED or RANDOM")? {
+            v1::Weather::Unspecified | v1::Weather::Fixed => WeatherMode::Fixed,
+            v1::Weather::Random => WeatherMode::Random,
+        },
+    })
+}
+
+pub(crate) fn image_format(value: i32) -> Result<ImageFormat, ServerError> {
+    Ok(match known(value, "format", "PNG or RAW_RGB")? {
+        v1::ImageFormat::Unspecified | v1::ImageFormat::Png => ImageFormat::Png,
+        v1::ImageFormat::RawRgb => ImageFormat::RawRgb,
+    })
+}
+
+pub(crate) fn pictures(pictures: Pictures) -> v1::RenderResponse {
+    match pictures {
+        Pictures::Png(files) => v1::RenderResponse {
+            png: files.into_iter().map(Bytes::from).collect(),
+            ..v1::RenderResponse::default()
+        },
+        Pictures::RawRgb { count, height_px, width_px, rgb } => v1::RenderResponse {
+            rgb: Some(v1::Tensor {
+                dtype: v1::DataType::Uint8.into(),
+                shape: vec![count as i64, i64::from(height_px), i64::from(width_px), 3],
+                data: rgb.into(),
+            }),
+            ..v1::RenderResponse::default()
+        },
+    }
 }
 
 /// What a session's options are called on the wire.

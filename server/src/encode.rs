@@ -6,6 +6,7 @@ use palr_gym_proto::v1;
 use palr_gym_sim::{DivergedEpisode, Divergence, StepFrame, VectorOptions};
 
 use crate::convert;
+use crate::pictures::Pictures;
 use crate::session::{Encode, Standing};
 
 /// Element type of observations on the wire.
@@ -52,6 +53,8 @@ pub enum WireAnswer {
     Reset(v1::ResetResponse),
     /// To a step or several.
     Step(Box<v1::StepResponse>),
+    /// To the wish for pictures.
+    Pictures(v1::RenderResponse),
     /// To the wish for a snapshot.
     Snapshot(Bytes),
     /// To a restore.
@@ -255,6 +258,10 @@ impl Encode for WireEncode {
     fn open_loop(&self, spec: &EnvSpec, frame: &StepFrame) -> WireAnswer {
         let shape = [frame.steps, frame.rewards.len() / frame.steps];
         self.steps(spec, frame, &shape, &mut BytesMut::new())
+    }
+
+    fn pictures(&self, pictures: Pictures) -> WireAnswer {
+        WireAnswer::Pictures(convert::pictures(pictures))
     }
 
     fn tag(&self) -> u8 {

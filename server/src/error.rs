@@ -179,6 +179,16 @@ pub enum ServerError {
         /// The limit.
         max: usize,
     },
+    /// Pictures too large for an answer.
+    #[error(
+        "the pictures have {got} bytes together; this server sends {max} at most: ask for fewer or smaller ones"
+    )]
+    PicturesTooLarge {
+        /// Bytes they would have, unpacked.
+        got: usize,
+        /// The limit.
+        max: usize,
+    },
     /// A required field is unset.
     #[error("{field} is not set; expected {want}")]
     Missing {
@@ -218,6 +228,14 @@ pub enum ServerError {
         task: &'static str,
         /// The tasks that have one.
         available: String,
+    },
+    /// A controller has no density to draw actions from.
+    #[error(
+        "the expert of task {task:?} is a controller, which states no density; ask for action_mode = DETERMINISTIC"
+    )]
+    NotStochastic {
+        /// The task.
+        task: &'static str,
     },
     /// The server is about to stop.
     #[error("the server is shutting down")]

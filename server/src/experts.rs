@@ -1,7 +1,8 @@
-//! The policies that ship with the server.
+//! The policies that ship with the server: models, and controllers in the tasks' own code.
 
 use std::fmt::Write;
 
+use palr_gym_sim::tasks::TASKS;
 use sha2::{Digest, Sha256};
 
 /// An expert policy. It always sees the full observation.
@@ -18,7 +19,10 @@ pub struct Expert {
 /// Where the model cards stand in the source tree.
 pub const MODEL_CARD: &str = "scenes/experts/README.md";
 
-/// Every expert, in alphabetical order of tasks.
+/// Where controllers are described.
+pub const CONTROLLER_CARD: &str = "scenes/README.md";
+
+/// Every model, in alphabetical order of tasks.
 pub const EXPERTS: [Expert; 2] = [
     Expert {
         task: "halfcheetah",
@@ -36,6 +40,45 @@ pub const EXPERTS: [Expert; 2] = [
 #[must_use]
 pub fn expert(task: &str) -> Option<&'static Expert> {
     EXPERTS.iter().find(|expert| expert.task == task)
+}
+
+/// What is known of a task's expert.
+#[derive(Debug, Clone, PartialEq)]
+pub struct About {
+    /// Of the model; empty for a controller.
+    pub sha256: String,
+    /// Mean return of its deterministic actions.
+    pub card_return: f64,
+    /// Where this is stated in the source tree.
+    pub model_card: &'static str,
+}
+
+/// True if the task's expert is a controller in its own code.
+#[must_use]
+pub fn has_controller(task: &str) -> bool {
+    TASKS.iter().any(|known| known.spec().name == task && known.has_controller())
+}
+
+/// What is known of the expert of a task; `None` if it has none.
+#[must_use]
+pub fn about(task: &str) -> Option<About> {
+    if let Some(expert) = expert(task) {
+        let sha256 = sha256(expert.onnx);
+        return Some(About { sha256, card_return: expert.card_return, model_card: MODEL_CARD });
+    }
+    let known = TASKS.iter().find(|known| known.spec().name == task && known.has_controller())?;
+    Some(About {
+        sha256: String::new(),
+        card_return: known.spec().reference_returns.expert,
+        model_card: CONTROLLER_CARD,
+    })
+}
+
+/// The tasks that have an expert, for people.
+#[must_use]
+pub fn available() -> String {
+    let names = TASKS.iter().map(|task| task.spec().name);
+    names.filter(|name| about(name).is_some()).collect::<Vec<_>>().join(", ")
 }
 
 /// SHA-256 of a model, in hexadecimal.

@@ -5,6 +5,7 @@
 //! - [`session`], [`sessions`]: one session as an actor on the simulation threads; all of them.
 //! - [`rollout`]: whole episodes played by the server itself, for evaluation and collection.
 //! - [`leakage`]: HSCIC of uploaded arrays, or of what a policy does on them.
+//! - [`pictures`]: what sessions look like.
 //! - [`dm_env_rpc`]: DeepMind's protocol, on top of sessions.
 //! - [`experts`]: the policies that ship with the server.
 //! - [`error`], [`status`]: domain errors; the one map from them to gRPC statuses.
@@ -19,6 +20,7 @@ pub mod encode;
 pub mod error;
 pub mod experts;
 pub mod leakage;
+pub mod pictures;
 pub mod rollout;
 pub mod services;
 pub mod session;

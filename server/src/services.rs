@@ -6,6 +6,7 @@ mod environment;
 mod evaluation;
 pub(crate) mod guard;
 mod leakage;
+mod render;
 mod rollouts;
 mod server_info;
 mod snapshot;
@@ -14,6 +15,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use palr_gym_sim::SimulationThreads;
+use palr_gym_sim::render::GlChoice;
 use tokio::sync::Semaphore;
 use tokio_util::sync::CancellationToken;
 
@@ -31,6 +33,8 @@ pub struct Services {
     pub worlds: Arc<Worlds>,
     /// What clients may ask for.
     pub limits: Limits,
+    /// What pictures are drawn with.
+    pub gl: GlChoice,
     /// Where physics runs.
     pub threads: SimulationThreads,
     /// One permit for each evaluation or collection that may run.

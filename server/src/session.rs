@@ -21,6 +21,7 @@ use tokio::sync::oneshot;
 use uuid::Uuid;
 
 use crate::error::ServerError;
+use crate::pictures::{PictureOrder, Pictures};
 
 /// An open loop gives other sessions their turn after this many steps of environments: a fraction of
 /// a second.
@@ -74,6 +75,11 @@ pub enum Command {
     },
     /// Tell where the environments stand, as after a restore.
     Standing,
+    /// Show what environments look like.
+    Draw {
+        /// Which, and how.
+        order: PictureOrder,
+    },
     /// Tell the whole state.
     Snapshot,
     /// Take a state up again.
@@ -120,6 +126,9 @@ pub trait Encode: Send + Sync + 'static {
 
     /// After several.
     fn open_loop(&self, spec: &EnvSpec, frame: &StepFrame) -> Self::Answer;
+
+    /// After drawing.
+    fn pictures(&self, pictures: Pictures) -> Self::Answer;
 
     /// What of this encoding a snapshot must keep.
     fn tag(&self) -> u8;
@@ -337,6 +346,7 @@ impl<E: Encode> Session<E> {
                 standing.look(env);
                 self.encode.restored(&self.spec, self.options, standing)
             }
+            Command::Draw { order } => self.encode.pictures(order.draw(env)?),
             Command::Snapshot => self.encode.snapshot(env.snapshot(self.encode.tag())),
             Command::Restore { snapshot } => {
                 let snapshot = Snapshot::parse(snapshot).map_err(SimError::from)?;

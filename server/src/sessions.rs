@@ -3,7 +3,10 @@
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use palr_gym_sim::{SimError, SimulationThreads, Snapshot, VectorEnv, VectorOptions, resolve};
+use palr_gym_core::SceneOptions;
+use palr_gym_sim::{
+    SimError, SimulationThreads, Snapshot, VectorEnv, VectorOptions, resolve_scene,
+};
 
 use crate::config::Limits;
 use crate::error::ServerError;
@@ -40,11 +43,12 @@ impl<E: Encode> Sessions<E> {
     pub fn open(
         &self,
         env_id: &str,
+        scene: Option<SceneOptions>,
         num_envs: u64,
         options: VectorOptions,
         encode: E,
     ) -> Result<Arc<Session<E>>, ServerError> {
-        self.open_prepared(env_id, num_envs, options, encode, |_| Ok(()))
+        self.open_prepared((env_id, scene), num_envs, options, encode, |_| Ok(()))
     }
 
     /// Opens a session in the state of a snapshot; `decode` finds the encoding that its tag names.
@@ -59,18 +63,21 @@ impl<E: Encode> Sessions<E> {
         let snapshot = Snapshot::parse(snapshot).map_err(SimError::from)?;
         let num_envs = snapshot.num_envs as u64;
         let (encode, options) = (decode(snapshot.tag)?, snapshot.options);
-        self.open_prepared(snapshot.env_id, num_envs, options, encode, |env| env.restore(&snapshot))
+        // Tasks without such a scene know only the default.
+        let scene = (snapshot.scene != SceneOptions::default()).then_some(snapshot.scene);
+        let kind = (snapshot.env_id, scene);
+        self.open_prepared(kind, num_envs, options, encode, |env| env.restore(&snapshot))
     }
 
     fn open_prepared(
         &self,
-        env_id: &str,
+        (env_id, scene): (&str, Option<SceneOptions>),
         num_envs: u64,
         options: VectorOptions,
         encode: E,
         prepare: impl FnOnce(&mut VectorEnv) -> Result<(), SimError>,
     ) -> Result<Arc<Session<E>>, ServerError> {
-        let (task, spec) = resolve(env_id)?;
+        let (task, spec) = resolve_scene(env_id, scene)?;
         let max = self.limits.max_envs_per_session;
         let count = usize::try_from(num_envs)
             .ok()

@@ -11,6 +11,7 @@ use palr_gym_core::EnvIdError;
 use palr_gym_leakage::LeakageError;
 use palr_gym_onnx::OnnxError;
 use palr_gym_proto::google::rpc;
+use palr_gym_sim::render::RenderError;
 use palr_gym_sim::{SimError, SnapshotError};
 use prost::Message;
 use tonic::{Code, Status};
@@ -52,6 +53,8 @@ fn place_sim(error: &SimError) -> Place {
         SimError::UnknownTask { .. } => {
             Place { code: Code::NotFound, reason: "UNKNOWN_TASK", field: Some("env_id") }
         }
+        SimError::View { .. } => invalid("UNKNOWN_VARIANT", "env_id"),
+        SimError::SceneOptions(_) => invalid("SCENE_OPTIONS", "scene_options"),
         SimError::Scene { .. } => place(Code::Internal, "SCENE"),
         SimError::Memory { .. } => place(Code::ResourceExhausted, "MEMORY"),
         SimError::Snapshot(SnapshotError::Mismatch { .. }) => {
@@ -63,6 +66,7 @@ fn place_sim(error: &SimError) -> Place {
             | SnapshotError::Checksum
             | SnapshotError::Malformed { .. },
         ) => invalid("INVALID_SNAPSHOT", "snapshot"),
+        SimError::Render(error) => place_render(error),
         SimError::Engine(_) => place(Code::Internal, "ENGINE"),
         SimError::Threads { .. } => place(Code::Internal, "THREADS"),
         SimError::ActionCount { .. } => invalid("ACTION_SHAPE", "actions"),
@@ -73,6 +77,19 @@ fn place_sim(error: &SimError) -> Place {
         SimError::ResetNeeded { .. } | SimError::NeverReset => {
             place(Code::FailedPrecondition, "RESET_NEEDED")
         }
+    }
+}
+
+fn place_render(error: &RenderError) -> Place {
+    match error {
+        RenderError::Disabled => place(Code::FailedPrecondition, "RENDERING_DISABLED"),
+        RenderError::NoGl { .. } => place(Code::FailedPrecondition, "OPENGL_MISSING"),
+        RenderError::OtherLibrary { .. } | RenderError::Context { .. } => {
+            place(Code::FailedPrecondition, "OPENGL_CONTEXT")
+        }
+        RenderError::Engine { .. } => place(Code::FailedPrecondition, "OPENGL_UNFIT"),
+        RenderError::Camera { .. } => invalid("UNKNOWN_CAMERA", "camera"),
+        RenderError::Size { .. } => invalid("IMAGE_SIZE", "width_px"),
     }
 }
 
@@ -161,10 +178,12 @@ fn place_server(error: &ServerError) -> Place {
         ServerError::SnapshotTooLarge { .. } => {
             place(Code::FailedPrecondition, "SNAPSHOT_TOO_LARGE")
         }
+        ServerError::PicturesTooLarge { .. } => invalid("PICTURES_TOO_LARGE", "env_indices"),
         ServerError::Missing { field, .. } => invalid("MISSING", field),
         ServerError::UnknownEnum { field, .. } => invalid("UNKNOWN_ENUM", field),
         ServerError::OutOfRange { field, .. } => invalid("OUT_OF_RANGE", field),
         ServerError::NoExpert { .. } => place(Code::NotFound, "NO_EXPERT"),
+        ServerError::NotStochastic { .. } => invalid("POLICY_NOT_STOCHASTIC", "action_mode"),
         ServerError::Draining => place(Code::Unavailable, "DRAINING"),
         ServerError::Cancelled => place(Code::Cancelled, "CANCELLED"),
         ServerError::Internal(_) => place(Code::Internal, "INTERNAL"),

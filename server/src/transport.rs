@@ -13,6 +13,7 @@ use palr_gym_proto::v1::collection_service_server::CollectionServiceServer;
 use palr_gym_proto::v1::environment_service_server::EnvironmentServiceServer;
 use palr_gym_proto::v1::evaluation_service_server::EvaluationServiceServer;
 use palr_gym_proto::v1::leakage_service_server::LeakageServiceServer;
+use palr_gym_proto::v1::render_service_server::RenderServiceServer;
 use palr_gym_proto::v1::server_service_server::ServerServiceServer;
 use palr_gym_proto::v1::snapshot_service_server::SnapshotServiceServer;
 use palr_gym_sim::SimulationThreads;
@@ -172,6 +173,7 @@ impl Server {
             sessions: Arc::new(Sessions::new(config.limits, threads.clone())),
             worlds: Arc::new(Worlds::new(config.limits.max_sessions, config.limits.session_idle)),
             limits: config.limits,
+            gl: config.gl,
             threads,
             rollouts_at_work: Arc::default(),
             rollouts: Arc::new(Semaphore::new(config.limits.max_rollouts)),
@@ -266,6 +268,10 @@ impl Server {
                     .max_decoding_message_size(limits.max_snapshot_bytes + MESSAGE_SLACK_BYTES),
             )
             .add_service(
+                RenderServiceServer::new(services())
+                    .max_decoding_message_size(limits.max_message_bytes),
+            )
+            .add_service(
                 EnvironmentServer::new(services())
                     .max_decoding_message_size(limits.max_message_bytes),
             )
@@ -281,6 +287,7 @@ async fn report(health: &HealthReporter, status: ServingStatus) {
         EvaluationServiceServer::<Services>::NAME,
         CollectionServiceServer::<Services>::NAME,
         LeakageServiceServer::<Services>::NAME,
+        RenderServiceServer::<Services>::NAME,
         ServerServiceServer::<Services>::NAME,
         SnapshotServiceServer::<Services>::NAME,
         EnvironmentServer::<Services>::NAME,

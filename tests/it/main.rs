@@ -9,6 +9,7 @@ mod dm_env_rpc;
 mod drain;
 mod errors;
 mod leakage;
+mod render;
 mod rollouts;
 mod same_bits;
 mod sessions;

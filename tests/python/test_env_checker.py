@@ -26,6 +26,7 @@ def test_all_promised_ids_are_registered() -> None:
         for task in ("hopper", "walker2d", "halfcheetah", "ant")
         for fidelity in ("", "-gym5")
     }
+    expected.add("palr_gym/lane-v0")
     assert registered == expected
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import palr_gym
-from palr_gym import Client
+from palr_gym import Client, InvalidArgument
 from support.reference import GYM5_IDS, GYMNASIUM_IDS, MASKS, PROFILES, TASKS, gymnasium_env
 from support.server_process import ROOT
 
@@ -35,9 +35,9 @@ FACTS = {
 
 def test_every_task_is_listed_with_its_facts(client: Client) -> None:
     tasks = {task.name: task for task in client.tasks()}
-    assert list(tasks) == sorted(TASKS)
-    for name, task in tasks.items():
-        facts = FACTS[name]
+    assert list(tasks) == sorted([*TASKS, "lane"])
+    for name, facts in FACTS.items():
+        task = tasks[name]
         assert task.equals.endswith(GYMNASIUM_IDS[name])
         profiles = {profile.name: profile for profile in task.fidelity_profiles}
         assert list(profiles) == ["gym4", "gym5"]
@@ -142,3 +142,21 @@ def test_the_server_says_what_it_is_and_allows(client: Client) -> None:
     for value in vars(limits).values():
         assert value >= 1
     assert limits.max_envs >= limits.max_envs_per_session
+
+
+def test_the_lane_task_is_listed_with_its_own_facts(client: Client) -> None:
+    [task] = [task for task in client.tasks() if task.name == "lane"]
+    assert (task.equals, task.action_size, task.max_episode_steps) == ("", 2, 250)
+    assert list(task.masks) == ["full"]
+    assert [profile.name for profile in task.fidelity_profiles] == ["gym4"]
+    assert task.expert is not None
+    assert task.expert.sha256 == ""
+    assert task.expert.card_return == task.reference_returns.expert
+    assert (ROOT / task.expert.model_card).is_file()
+    spec = client.spec("lane")
+    assert spec.has_expert
+    assert spec.control_timestep_s == pytest.approx(0.05)
+    assert spec.observation_space.shape == (task.full_observation_size,)
+    for env_id in ("lane-w3", "lane-strict", "lane-gym5"):
+        with pytest.raises(InvalidArgument, match=r"has no .* variant"):
+            client.spec(env_id)

@@ -455,7 +455,7 @@ def test_a_deadline_that_is_none_is_refused(deadline_s: float) -> None:
         Client("localhost:1", deadline_s=deadline_s)
 
 
-def test_there_is_nothing_to_render(server: str) -> None:
+def test_a_render_mode_that_there_is_not_is_refused(server: str) -> None:
     for make in (palr_gym.make, palr_gym.make_vec):
         with pytest.raises(errors.InvalidArgument, match="render_mode is 'human'"):
             make("hopper", server=server, render_mode="human")

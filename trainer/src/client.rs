@@ -10,6 +10,7 @@ use palr_gym_proto::v1::collection_service_client::CollectionServiceClient;
 use palr_gym_proto::v1::environment_service_client::EnvironmentServiceClient;
 use palr_gym_proto::v1::evaluation_service_client::EvaluationServiceClient;
 use palr_gym_proto::v1::leakage_service_client::LeakageServiceClient;
+use palr_gym_proto::v1::render_service_client::RenderServiceClient;
 use palr_gym_proto::v1::server_service_client::ServerServiceClient;
 use palr_gym_proto::v1::snapshot_service_client::SnapshotServiceClient;
 use tokio::net::UnixStream;
@@ -192,6 +193,10 @@ impl Client {
 
     pub(crate) fn snapshots(&self) -> SnapshotServiceClient<Channel> {
         SnapshotServiceClient::new(self.channel.clone()).max_decoding_message_size(usize::MAX)
+    }
+
+    pub(crate) fn renders(&self) -> RenderServiceClient<Channel> {
+        RenderServiceClient::new(self.channel.clone()).max_decoding_message_size(usize::MAX)
     }
 
     pub(crate) fn collections(&self) -> CollectionServiceClient<Channel> {

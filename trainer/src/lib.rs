@@ -8,6 +8,7 @@
 //! - [`session`]: a session of environments, stepped over a stream.
 //! - [`benchmark`]: how fast a server is.
 //! - [`evaluate`]: evaluation on the server.
+//! - [`film`]: pictures of episodes.
 //! - [`collect`]: demonstrations to a file, resumable; [`journal`] is what makes them so.
 //! - [`leakage`]: leakage of a policy on recorded demonstrations.
 //! - [`runs`]: run folders that never mix.
@@ -22,6 +23,7 @@ pub mod collect;
 pub mod error;
 pub mod evaluate;
 pub mod expert;
+pub mod film;
 pub mod imitate;
 pub mod journal;
 pub mod leakage;

@@ -76,6 +76,12 @@ impl Session {
         &self.spec
     }
 
+    /// Its name on the server.
+    #[must_use]
+    pub fn id(&self) -> &str {
+        &self.session_id
+    }
+
     /// Number of environments.
     #[must_use]
     pub fn num_envs(&self) -> usize {

@@ -33,11 +33,12 @@ from palr_gym.leakage import Hscic, hscic
 from palr_gym.recordings import Recording, load_dataset
 from palr_gym.registration import make, make_vec, register_envs
 from palr_gym.results import DivergedEpisode, ResetResult, RestoredState, StepResult
-from palr_gym.session import Session
+from palr_gym.session import SceneOptions, Session
 from palr_gym.specs import (
     EnvironmentSpec,
     Expert,
     FidelityProfile,
+    OpenGl,
     ReferenceReturns,
     ServerInfo,
     ServerLimits,
@@ -62,6 +63,7 @@ __all__ = [
     "Hscic",
     "InvalidArgument",
     "NotFound",
+    "OpenGl",
     "OpenLoop",
     "PalrGymError",
     "Recording",
@@ -72,6 +74,7 @@ __all__ = [
     "ResetResult",
     "ResourceExhausted",
     "RestoredState",
+    "SceneOptions",
     "ServerError",
     "ServerInfo",
     "ServerLimits",

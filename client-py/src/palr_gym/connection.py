@@ -17,6 +17,7 @@ from palr_gym._proto.palr_gym.v1 import (
     environment_service_pb2,
     evaluation_service_pb2,
     leakage_service_pb2,
+    render_service_pb2,
     server_service_pb2,
     snapshot_service_pb2,
 )
@@ -109,6 +110,12 @@ STEP_STREAM = _method(
     "StepStream",
     _environments.StepStreamRequest,
     _environments.StepStreamResponse,
+)
+RENDER = _method(
+    "RenderService",
+    "Render",
+    render_service_pb2.RenderRequest,
+    render_service_pb2.RenderResponse,
 )
 TAKE_SNAPSHOT = _method(
     "SnapshotService",

@@ -2,7 +2,7 @@
 
 import contextlib
 from collections.abc import Callable
-from typing import Any, NamedTuple, Self, cast
+from typing import Any, NamedTuple, Self, SupportsIndex, cast
 
 import gymnasium
 import numpy as np
@@ -15,8 +15,9 @@ from palr_gym.address import server_or_default
 from palr_gym.arguments import unsigned
 from palr_gym.connection import DEFAULT_DEADLINE_S, Connection
 from palr_gym.errors import InvalidArgument, ResetNeeded
+from palr_gym.rendering import RENDER_MODES, Picture, checked_render_mode, render
 from palr_gym.results import RestoredState
-from palr_gym.session import ObservationDtype, OutOfBounds, Session
+from palr_gym.session import ObservationDtype, OutOfBounds, SceneOptions, Session
 from palr_gym.specs import EnvironmentSpec
 
 
@@ -51,6 +52,8 @@ class RemoteEnv(gymnasium.Env[NDArray[np.floating[Any]], NDArray[np.float32]]):
         remote_spec: The environment as the server describes it.
     """
 
+    metadata = {"render_modes": list(RENDER_MODES)}  # noqa: RUF012 - as Gymnasium declares it
+
     def __init__(
         self,
         env_id: str,
@@ -60,6 +63,9 @@ class RemoteEnv(gymnasium.Env[NDArray[np.floating[Any]], NDArray[np.float32]]):
         observation_dtype: ObservationDtype = "float64",
         deadline_s: float = DEFAULT_DEADLINE_S,
         render_mode: str | None = None,
+        camera: str = "",
+        render_size: tuple[SupportsIndex, SupportsIndex] = (480, 480),
+        scene_options: SceneOptions | None = None,
     ) -> None:
         """Opens a session of one environment.
 
@@ -70,13 +76,16 @@ class RemoteEnv(gymnasium.Env[NDArray[np.floating[Any]], NDArray[np.float32]]):
                 or "raw" (used as it is, as Gymnasium does).
             observation_dtype: Element type of observations; the server simulates in float64.
             deadline_s: Seconds that a call waits for its answer.
-            render_mode: Only None: this server renders nothing.
+            render_mode: "rgb_array": `render` returns pictures that the server draws.
+            camera: One of `remote_spec.camera_names`; empty: the first of them.
+            render_size: Width and height of a picture, in pixels.
+            scene_options: For driving tasks, such as {"weather": "random"}.
 
         Raises:
             PalrGymError: The kind that fits.
         """
-        refuse_render_mode(render_mode)
-        self.render_mode = None
+        self.render_mode = checked_render_mode(render_mode)
+        self._picture = Picture.of(camera, render_size)
         self._connection = Connection(server_or_default(server), deadline_s)
         try:
             self._session = Session(
@@ -85,6 +94,7 @@ class RemoteEnv(gymnasium.Env[NDArray[np.floating[Any]], NDArray[np.float32]]):
                 autoreset_mode=AutoresetMode.DISABLED,
                 out_of_bounds=out_of_bounds,
                 observation_dtype=observation_dtype,
+                scene_options=scene_options,
             )
         except BaseException:
             self._connection.close()
@@ -125,6 +135,7 @@ class RemoteEnv(gymnasium.Env[NDArray[np.floating[Any]], NDArray[np.float32]]):
             raise
         env = cls.__new__(cls)
         env.render_mode = None
+        env._picture = Picture()
         env._connection = connection
         env._session = session
         env._become_ready()
@@ -136,6 +147,10 @@ class RemoteEnv(gymnasium.Env[NDArray[np.floating[Any]], NDArray[np.float32]]):
         self.remote_spec: EnvironmentSpec = self._session.spec
         self.observation_space = self.remote_spec.observation_space
         self.action_space = self.remote_spec.action_space
+        self.metadata = {
+            "render_modes": list(RENDER_MODES),
+            "render_fps": round(1 / self.remote_spec.control_timestep_s),
+        }
         self._is_playing = False
         self._is_closed = False
 
@@ -273,7 +288,20 @@ class RemoteEnv(gymnasium.Env[NDArray[np.floating[Any]], NDArray[np.float32]]):
         """
         self._refuse_if_closed("fork")
         connection = Connection(self._connection.server, self._connection.deadline_s)
-        return self._around(connection, lambda: self._session.fork(connection))
+        env = self._around(connection, lambda: self._session.fork(connection))
+        env.render_mode, env._picture = self.render_mode, self._picture
+        return env
+
+    def render(self) -> NDArray[np.uint8] | None:  # pyright: ignore[reportIncompatibleMethodOverride] - Gymnasium's type is open
+        """A picture of the environment as it stands, [height, width, 3]; None without a mode.
+
+        Raises:
+            PalrGymError: The kind that fits; `FailedPrecondition` if the server cannot draw.
+        """
+        self._refuse_if_closed("render")
+        if self.render_mode is None:
+            return None
+        return render(self._connection, self._session.session_id, self._picture)[0]
 
     def _stand(self, state: RestoredState) -> NDArray[np.floating[Any]]:
         self._is_playing = state.was_reset and not bool(state.is_over[0])
@@ -306,12 +334,6 @@ class RemoteEnv(gymnasium.Env[NDArray[np.floating[Any]], NDArray[np.float32]]):
     def _refuse_if_closed(self, what: str) -> None:
         if self._is_closed:
             raise ClosedEnvironmentError(f"{what}() of {self.remote_spec.env_id} after close()")
-
-
-def refuse_render_mode(render_mode: str | None) -> None:
-    """Raises `InvalidArgument` for anything but None."""
-    if render_mode is not None:
-        raise InvalidArgument(f"render_mode is {render_mode!r}; expected None: nothing is rendered")
 
 
 def refuse_unless_single(session: Session) -> None:

@@ -14,10 +14,11 @@ DEEPEST_REGISTERED_STACK = 5
 def registered_env_ids() -> list[str]:
     """The server's ids of the environments that are registered.
 
-    Full, paper's and strict mask, and each task as Gymnasium's `-v5` defines it.
+    Full, paper's and strict mask, and each task as Gymnasium's `-v5` defines it; and `lane`, which
+    shows its state.
     """
     stacks = range(1, DEEPEST_REGISTERED_STACK + 1)
-    return [
+    robots = [
         env_id
         for task in TASKS
         for env_id in (
@@ -27,6 +28,7 @@ def registered_env_ids() -> list[str]:
             *(f"{task}-strict-w{frame_stack}" for frame_stack in stacks),
         )
     ]
+    return [*robots, "lane"]
 
 
 def register_envs() -> None:

@@ -37,6 +37,17 @@ class ServerLimits:
 
 
 @dataclass(frozen=True)
+class OpenGl:
+    """What a server draws with."""
+
+    library: str
+    """ "osmesa" or "egl"."""
+    renderer: str
+    version: str
+    """Names Mesa's version."""
+
+
+@dataclass(frozen=True)
 class ServerInfo:
     """Versions and limits of a server."""
 
@@ -44,6 +55,8 @@ class ServerInfo:
     mujoco_version: str
     limits: ServerLimits
     simulation_threads: int
+    opengl: OpenGl | None
+    """None until something was drawn."""
 
 
 @dataclass(frozen=True)
@@ -63,6 +76,7 @@ class Expert:
     """The expert that ships with the server for a task."""
 
     sha256: str
+    """Of its ONNX file; empty if it is a controller in the server's own code."""
     card_return: float
     """Mean return of its deterministic actions, as its model card states it."""
     model_card: str
@@ -76,7 +90,7 @@ class Task:
     name: str
     description: str
     equals: str
-    """The public environment that it equals."""
+    """The public environment that it equals; empty for a task of palr-gym's own."""
     full_observation_size: int
     action_size: int
     max_episode_steps: int
@@ -134,6 +148,8 @@ class EnvironmentSpec:
     """The public environment that it equals."""
     reset_info_names: tuple[str, ...]
     """What a reset reports: the first of `info_names`, or nothing."""
+    camera_names: tuple[str, ...]
+    """From where pictures can be drawn; the first is the default."""
 
 
 def server_info(message: server_service_pb2.GetServerInfoResponse) -> ServerInfo:
@@ -156,6 +172,13 @@ def server_info(message: server_service_pb2.GetServerInfoResponse) -> ServerInfo
             max_snapshot_bytes=limits.max_snapshot_bytes,
         ),
         simulation_threads=message.simulation_threads,
+        opengl=OpenGl(
+            library=message.opengl.library,
+            renderer=message.opengl.renderer,
+            version=message.opengl.version,
+        )
+        if message.HasField("opengl")
+        else None,
     )
 
 
@@ -186,6 +209,7 @@ def environment_spec(message: environment_pb2.EnvironmentSpec) -> EnvironmentSpe
         fidelity=_fidelity_name(message.fidelity),
         equals=message.equals,
         reset_info_names=tuple(message.reset_info_names),
+        camera_names=tuple(message.camera_names),
     )
 
 

@@ -17,11 +17,13 @@ from palr_gym.errors import ServerError
 FLOAT32 = np.dtype("<f4")
 FLOAT64 = np.dtype("<f8")
 BOOL = np.dtype(np.bool_)
+UINT8 = np.dtype(np.uint8)
 
 _DTYPES: dict[int, np.dtype[Any]] = {
     tensor_pb2.DATA_TYPE_FLOAT32: FLOAT32,
     tensor_pb2.DATA_TYPE_FLOAT64: FLOAT64,
     tensor_pb2.DATA_TYPE_BOOL: BOOL,
+    tensor_pb2.DATA_TYPE_UINT8: UINT8,
 }
 
 

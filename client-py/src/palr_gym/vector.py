@@ -14,10 +14,11 @@ from palr_gym import errors
 from palr_gym.address import server_or_default
 from palr_gym.arguments import unsigned
 from palr_gym.connection import DEFAULT_DEADLINE_S, Connection
-from palr_gym.env import refuse_render_mode, restore_or_reopen
+from palr_gym.env import restore_or_reopen
 from palr_gym.errors import InvalidArgument, ResetNeeded
+from palr_gym.rendering import RENDER_MODES, Picture, checked_render_mode, render
 from palr_gym.results import ResetResult, RestoredState, StepResult, single_steps
-from palr_gym.session import ObservationDtype, OutOfBounds, Session
+from palr_gym.session import ObservationDtype, OutOfBounds, SceneOptions, Session
 from palr_gym.specs import EnvironmentSpec
 
 VectorStep = tuple[
@@ -76,6 +77,9 @@ class RemoteVectorEnv(VectorEnv[NDArray[np.floating[Any]], NDArray[np.float32], 
         observation_dtype: ObservationDtype = "float64",
         deadline_s: float = DEFAULT_DEADLINE_S,
         render_mode: str | None = None,
+        camera: str = "",
+        render_size: tuple[SupportsIndex, SupportsIndex] = (480, 480),
+        scene_options: SceneOptions | None = None,
     ) -> None:
         """Opens a session of `num_envs` environments.
 
@@ -88,7 +92,10 @@ class RemoteVectorEnv(VectorEnv[NDArray[np.floating[Any]], NDArray[np.float32], 
                 or "raw" (used as it is, as Gymnasium does).
             observation_dtype: Element type of observations; the server simulates in float64.
             deadline_s: Seconds that a call waits for its answer.
-            render_mode: Only None: this server renders nothing.
+            render_mode: "rgb_array": `render` returns pictures that the server draws.
+            camera: One of `remote_spec.camera_names`; empty: the first of them.
+            render_size: Width and height of a picture, in pixels.
+            scene_options: For driving tasks, such as {"weather": "random"}.
 
         Raises:
             PalrGymError: The kind that fits.
@@ -96,7 +103,8 @@ class RemoteVectorEnv(VectorEnv[NDArray[np.floating[Any]], NDArray[np.float32], 
         super().__init__()
         # Until there is a session, there is nothing to close.
         self.closed = True
-        refuse_render_mode(render_mode)
+        self._picture = Picture.of(camera, render_size)
+        mode = checked_render_mode(render_mode)
         self._connection = Connection(server_or_default(server), deadline_s)
         try:
             self._session = Session(
@@ -106,11 +114,13 @@ class RemoteVectorEnv(VectorEnv[NDArray[np.floating[Any]], NDArray[np.float32], 
                 autoreset_mode=autoreset_mode,
                 out_of_bounds=out_of_bounds,
                 observation_dtype=observation_dtype,
+                scene_options=scene_options,
             )
         except BaseException:
             self._connection.close()
             raise
         self._become_ready()
+        self.render_mode = mode
 
     @classmethod
     def from_snapshot(
@@ -146,6 +156,7 @@ class RemoteVectorEnv(VectorEnv[NDArray[np.floating[Any]], NDArray[np.float32], 
         envs = cls.__new__(cls)
         envs._connection = connection
         envs._session = session
+        envs._picture = Picture()
         envs._become_ready()
         envs._stand(state)
         return envs
@@ -155,7 +166,11 @@ class RemoteVectorEnv(VectorEnv[NDArray[np.floating[Any]], NDArray[np.float32], 
         self.closed = False
         self.remote_spec: EnvironmentSpec = self._session.spec
         self.num_envs = self._session.num_envs
-        self.metadata = {"render_modes": [], "autoreset_mode": self._session.autoreset_mode}
+        self.metadata = {
+            "render_modes": list(RENDER_MODES),
+            "render_fps": round(1 / self.remote_spec.control_timestep_s),
+            "autoreset_mode": self._session.autoreset_mode,
+        }
         self.render_mode = None
         self.single_observation_space = self.remote_spec.observation_space
         self.single_action_space = self.remote_spec.action_space
@@ -285,6 +300,17 @@ class RemoteVectorEnv(VectorEnv[NDArray[np.floating[Any]], NDArray[np.float32], 
             result.observations, result.rewards, result.terminated, result.truncated, infos
         )
 
+    def render(self) -> tuple[NDArray[np.uint8], ...] | None:
+        """A picture of each environment as it stands, [height, width, 3]; None without a mode.
+
+        Raises:
+            PalrGymError: The kind that fits; `FailedPrecondition` if the server cannot draw.
+        """
+        self._refuse_if_busy("render")
+        if self.render_mode is None:
+            return None
+        return tuple(render(self._connection, self._session.session_id, self._picture))
+
     def snapshot(self) -> bytes:
         """Everything that decides what comes next, for `restore` and `from_snapshot`.
 
@@ -327,7 +353,9 @@ class RemoteVectorEnv(VectorEnv[NDArray[np.floating[Any]], NDArray[np.float32], 
         """
         self._refuse_if_busy("fork")
         connection = Connection(self._connection.server, self._connection.deadline_s)
-        return self._around(connection, lambda: self._session.fork(connection))
+        envs = self._around(connection, lambda: self._session.fork(connection))
+        envs.render_mode, envs._picture = self.render_mode, self._picture
+        return envs
 
     def close_extras(self, **kwargs: Any) -> None:
         """Closes the session, if the server is still there."""

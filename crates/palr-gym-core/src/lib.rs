@@ -7,6 +7,7 @@
 //! - [`frame_stack`]: the stacked observation, zero-padded.
 //! - [`standardize`]: columns of zero mean and unit variance.
 //! - [`options`]: autoreset modes, out-of-bounds handling, masks, fidelity.
+//! - [`scene_options`]: what can be chosen about a driving scene.
 //! - [`score`]: normalised scores and their statistics.
 //! - [`random`]: NumPy's generator, bit for bit.
 //! - [`tanh_gaussian`]: the distribution of stochastic policies.
@@ -19,6 +20,7 @@ pub mod frame_stack;
 pub mod nearest;
 pub mod options;
 pub mod random;
+pub mod scene_options;
 pub mod score;
 pub mod space;
 pub mod spec;
@@ -29,6 +31,7 @@ pub mod task;
 pub use env_id::{EnvId, EnvIdError};
 pub use frame_stack::FrameStack;
 pub use options::{ActionMode, AutoresetMode, Fidelity, Mask, OutOfBounds};
+pub use scene_options::{SceneOptions, SceneOptionsError, WeatherMode};
 pub use space::BoxSpace;
 pub use spec::EnvSpec;
 pub use standardize::{StandardizeError, Standardizer};

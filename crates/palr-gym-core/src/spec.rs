@@ -1,6 +1,7 @@
 //! An environment: a task as one agent sees it.
 
 use crate::env_id::EnvId;
+use crate::scene_options::SceneOptions;
 use crate::space::BoxSpace;
 use crate::task::TaskSpec;
 
@@ -13,14 +14,16 @@ pub struct EnvSpec {
     pub task: &'static TaskSpec,
     /// Indices into the full observation that the agent sees, ascending.
     pub mask_indices: Vec<usize>,
+    /// What was chosen about the scene.
+    pub scene: SceneOptions,
 }
 
 impl EnvSpec {
-    /// `task` as `env_id` asks for it.
+    /// `task` as `env_id` asks for it, its scene as it is by default.
     #[must_use]
     pub fn new(env_id: EnvId, task: &'static TaskSpec) -> Self {
         let mask_indices = task.mask_indices(env_id.mask);
-        Self { env_id, task, mask_indices }
+        Self { env_id, task, mask_indices, scene: SceneOptions::default() }
     }
 
     /// Entries of a stacked observation.

@@ -43,15 +43,15 @@ pub struct TaskSpec {
     pub description: &'static str,
     /// Which definition of the task this is.
     pub fidelity: Fidelity,
-    /// The public environment that it equals.
+    /// The public environment that it equals; empty for a task of our own.
     pub equals: &'static str,
     /// The full observation.
     pub observation: &'static [ObservationEntry],
     /// Actuators, each driven within ±1.
     pub action_names: &'static [&'static str],
-    /// Indices that the paper's mask keeps, ascending.
+    /// Indices that the paper's mask keeps, ascending; none where there is no such mask.
     pub paper_mask: &'static [usize],
-    /// Indices that hold no velocity, ascending.
+    /// Indices that hold no velocity, ascending; none where there is no such mask.
     pub strict_mask: &'static [usize],
     /// An episode is truncated after this many steps.
     pub max_episode_steps: u32,
@@ -65,6 +65,8 @@ pub struct TaskSpec {
     pub reset_info_names: &'static [&'static str],
     /// Leading entries of the full observation that the task's expert sees.
     pub expert_observation_size: usize,
+    /// The scene's cameras, the most useful first.
+    pub camera_names: &'static [&'static str],
     /// For normalised scores.
     pub reference_returns: ReferenceReturns,
 }
@@ -74,6 +76,11 @@ impl TaskSpec {
     #[must_use]
     pub fn control_timestep_s(&self) -> f64 {
         self.physics_timestep_s * f64::from(self.frame_skip)
+    }
+
+    /// The masks that the task has.
+    pub fn masks(&self) -> impl Iterator<Item = Mask> {
+        Mask::ALL.into_iter().filter(|&mask| !self.mask_indices(mask).is_empty())
     }
 
     /// Indices into the full observation that `mask` keeps, ascending.

@@ -9,6 +9,7 @@ use palr_gym_core::{EnvSpec, FrameStack};
 use crate::divergence::Divergence;
 use crate::error::SimError;
 use crate::physics::{Physics, State};
+use crate::render::{self, GlChoice, View};
 use crate::snapshot::{Reader, SnapshotError, Writer, malformed};
 use crate::tasks::Task;
 
@@ -91,8 +92,8 @@ impl Env {
             self.generator = Generator::from_seed(seed);
         }
         self.task.scene().on_workbench(|physics| {
-            let Self { task, generator, .. } = self;
-            physics.reset(|qpos, qvel| task.perturb(generator, qpos, qvel))?;
+            let Self { task, generator, spec, .. } = self;
+            physics.reset(|start| task.perturb(generator, &spec.scene, start))?;
             self.elapsed_steps = 0;
             self.stack.clear();
             self.task.reset_info(physics, &mut self.reset_info);
@@ -124,6 +125,7 @@ impl Env {
             if let Some(divergence) = self.simulate(physics, action) {
                 return Err(divergence);
             }
+            self.task.advance(&mut self.generator, physics);
             let outcome = self.task.outcome(physics, self.position_m, action, info);
             self.take_down(physics);
             self.observe(physics);
@@ -209,11 +211,12 @@ impl Env {
             return Some(Divergence::BadControl);
         }
         let frame_skip = self.spec.task.frame_skip;
+        let set_controls = |controls: &mut [f64]| self.task.controls(action, controls);
         let done = physics.load(&self.state).and_then(|()| {
             if self.task.needs_contact_forces() {
-                physics.step_with_contact_forces(action, frame_skip)
+                physics.step_with_contact_forces(set_controls, frame_skip)
             } else {
-                physics.step(action, frame_skip)
+                physics.step(set_controls, frame_skip)
             }
         });
         match done {
@@ -249,6 +252,30 @@ impl Env {
     #[must_use]
     pub fn full_observation(&self) -> &[f64] {
         &self.full_observation
+    }
+
+    /// Writes the action of the task's own controller; `false` if it has none.
+    pub fn controller(&self, action: &mut [f32]) -> bool {
+        self.task.controller(&self.full_observation, action)
+    }
+
+    /// Draws the simulation as it stands: `[height, width, 3]`, from the top row down.
+    ///
+    /// # Errors
+    /// [`SimError::Render`], or what keeps a thread from having a workbench.
+    pub fn draw(
+        &self,
+        choice: GlChoice,
+        view: View<'_>,
+        picture: &mut Vec<u8>,
+    ) -> Result<(), SimError> {
+        let camera = view.camera.or(self.task.spec().camera_names.first().copied());
+        let view = View { camera, ..view };
+        self.task.scene().on_workbench(|physics| {
+            physics.load(&self.state)?;
+            let weather = self.task.weather(physics);
+            Ok(render::draw(choice, physics, weather.as_ref(), view, picture)?)
+        })?
     }
 
     /// The simulation's state.

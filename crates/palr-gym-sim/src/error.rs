@@ -1,8 +1,9 @@
 //! What can go wrong between a name and a step.
 
-use palr_gym_core::EnvIdError;
+use palr_gym_core::{EnvIdError, SceneOptionsError};
 
 use crate::guard::EngineError;
+use crate::render::RenderError;
 use crate::snapshot::SnapshotError;
 
 /// Why an environment could not be made, reset or stepped.
@@ -23,6 +24,21 @@ pub enum SimError {
         /// Every task.
         known: Vec<&'static str>,
     },
+    /// The task is not defined that way.
+    #[error("task {task:?} has no {asked:?} variant; expected {}",
+        if available.is_empty() { "an id without it".to_owned() }
+        else { format!("-{}", available.join(" or -")) })]
+    View {
+        /// The task.
+        task: &'static str,
+        /// The mask or definition asked for.
+        asked: &'static str,
+        /// Those there are.
+        available: Vec<&'static str>,
+    },
+    /// Options that do not fit the scene.
+    #[error(transparent)]
+    SceneOptions(#[from] SceneOptionsError),
     /// The scene of a task does not compile. Only a broken build can cause it.
     #[error("the scene of task {task:?} does not compile: {message}")]
     Scene {
@@ -42,6 +58,9 @@ pub enum SimError {
     /// Bytes that are no snapshot, or not one of these environments.
     #[error(transparent)]
     Snapshot(#[from] SnapshotError),
+    /// There is no picture.
+    #[error(transparent)]
+    Render(#[from] RenderError),
     /// MuJoCo failed in a reset.
     #[error(transparent)]
     Engine(#[from] EngineError),

@@ -27,6 +27,29 @@ extern mjfLogHandler mju_setLogHandler(mjfLogHandler handler);
 extern void mj_step(const mjModel* m, mjData* d);
 extern void mj_forward(const mjModel* m, mjData* d);
 extern void mj_rnePostConstraint(const mjModel* m, mjData* d);
+extern void mj_kinematics(const mjModel* m, mjData* d);
+extern void mj_comPos(const mjModel* m, mjData* d);
+extern void mj_camlight(const mjModel* m, mjData* d);
+
+// See mjrender.h and mjvisualize.h.
+typedef struct mjrContext_ mjrContext;
+typedef struct mjvScene_ mjvScene;
+typedef struct mjvOption_ mjvOption;
+typedef struct mjvPerturb_ mjvPerturb;
+typedef struct mjvCamera_ mjvCamera;
+typedef struct mjrRect_ {
+  int left, bottom, width, height;
+} mjrRect;
+enum { OFFSCREEN = 1, FONT_SCALE = 100, EVERYTHING = 7 };
+
+extern void mjr_makeContext(const mjModel* m, mjrContext* con, int fontscale);
+extern void mjr_resizeOffscreen(int width, int height, mjrContext* con);
+extern void mjr_setBuffer(int framebuffer, mjrContext* con);
+extern void mjr_render(mjrRect viewport, mjvScene* scn, const mjrContext* con);
+extern void mjr_readPixels(unsigned char* rgb, float* depth, mjrRect viewport,
+                           const mjrContext* con);
+extern void mjv_updateScene(const mjModel* m, mjData* d, const mjvOption* opt,
+                            const mjvPerturb* pert, mjvCamera* cam, int catmask, mjvScene* scn);
 
 // In guard.rs: hands a message to the program's log.
 extern void palr_gym_log(int level, const char* func, const char* subject, const char* body);
@@ -78,6 +101,52 @@ int palr_gym_guard_contact_forces(const mjModel* m, mjData* d) {
   if (_setjmp(here) != 0) return 1;
   way_back = &here;
   mj_rnePostConstraint(m, d);
+  way_back = NULL;
+  return 0;
+}
+
+int palr_gym_guard_make_context(const mjModel* m, mjrContext* con) {
+  jmp_buf here;
+  if (_setjmp(here) != 0) return 1;
+  way_back = &here;
+  mjr_makeContext(m, con, FONT_SCALE);
+  way_back = NULL;
+  return 0;
+}
+
+int palr_gym_guard_resize(int width, int height, mjrContext* con) {
+  jmp_buf here;
+  if (_setjmp(here) != 0) return 1;
+  way_back = &here;
+  mjr_resizeOffscreen(width, height, con);
+  mjr_setBuffer(OFFSCREEN, con);
+  way_back = NULL;
+  return 0;
+}
+
+int palr_gym_guard_update_scene(const mjModel* m, mjData* d, const mjvOption* opt,
+                                const mjvPerturb* pert, mjvCamera* cam, mjvScene* scn) {
+  jmp_buf here;
+  if (_setjmp(here) != 0) return 1;
+  way_back = &here;
+  mj_kinematics(m, d);
+  mj_comPos(m, d);
+  mj_camlight(m, d);
+  mjv_updateScene(m, d, opt, pert, cam, EVERYTHING, scn);
+  way_back = NULL;
+  return 0;
+}
+
+int palr_gym_guard_draw(mjvScene* scn, mjrContext* con, int width, int height,
+                        unsigned char* rgb) {
+  jmp_buf here;
+  if (_setjmp(here) != 0) return 1;
+  way_back = &here;
+  mjrRect viewport = {0, 0, width, height};
+  // Several scenes share a thread's context, and each has a framebuffer of its own.
+  mjr_setBuffer(OFFSCREEN, con);
+  mjr_render(viewport, scn, con);
+  mjr_readPixels(rgb, NULL, viewport, con);
   way_back = NULL;
   return 0;
 }

@@ -3,10 +3,12 @@
 //! The other half is `guard.c`, because only C may jump over C.
 #![allow(unsafe_code, reason = "calls into MuJoCo and guard.c")]
 
-use std::ffi::{CStr, c_char, c_int};
+use std::ffi::{CStr, c_char, c_int, c_uchar};
 use std::sync::{Arc, Once};
 
-use mujoco_rs::mujoco_c::{mjData, mjModel};
+use mujoco_rs::mujoco_c::{
+    mjData, mjModel, mjrContext, mjvCamera, mjvOption, mjvPerturb, mjvScene,
+};
 use mujoco_rs::prelude::{MjData, MjModel};
 
 /// MuJoCo reported an error in the middle of a computation. The simulation's data is half done and
@@ -24,6 +26,23 @@ unsafe extern "C" {
     fn palr_gym_guard_step(model: *const mjModel, data: *mut mjData, steps: c_int) -> c_int;
     fn palr_gym_guard_forward(model: *const mjModel, data: *mut mjData) -> c_int;
     fn palr_gym_guard_contact_forces(model: *const mjModel, data: *mut mjData) -> c_int;
+    fn palr_gym_guard_make_context(model: *const mjModel, context: *mut mjrContext) -> c_int;
+    fn palr_gym_guard_resize(width: c_int, height: c_int, context: *mut mjrContext) -> c_int;
+    fn palr_gym_guard_update_scene(
+        model: *const mjModel,
+        data: *mut mjData,
+        option: *const mjvOption,
+        perturb: *const mjvPerturb,
+        camera: *mut mjvCamera,
+        scene: *mut mjvScene,
+    ) -> c_int;
+    fn palr_gym_guard_draw(
+        scene: *mut mjvScene,
+        context: *mut mjrContext,
+        width: c_int,
+        height: c_int,
+        rgb: *mut c_uchar,
+    ) -> c_int;
 }
 
 static INSTALLED: Once = Once::new();
@@ -69,12 +88,61 @@ fn guarded(
     let model: *const mjModel = data.model().ffi();
     // SAFETY: MuJoCo itself is what changes the struct; nothing else touches it meanwhile.
     let data: *mut mjData = unsafe { data.ffi_mut() };
-    if call(model, data) == 0 {
+    check(call(model, data))
+}
+
+fn check(code: c_int) -> Result<(), EngineError> {
+    if code == 0 {
         return Ok(());
     }
     // SAFETY: a terminated text in this thread's own memory, which nothing writes meanwhile.
     let message = unsafe { CStr::from_ptr(palr_gym_guard_last_error()) };
     Err(EngineError { message: message.to_string_lossy().into_owned() })
+}
+
+/// `mjr_makeContext`, on a thread with a current OpenGL context.
+pub(crate) fn make_context(model: &MjModel, context: &mut mjrContext) -> Result<(), EngineError> {
+    // SAFETY: both pointers come from live references; the context holds MuJoCo's defaults.
+    check(unsafe { palr_gym_guard_make_context(model.ffi(), context) })
+}
+
+/// `mjr_resizeOffscreen`.
+pub(crate) fn resize(
+    context: &mut mjrContext,
+    width: usize,
+    height: usize,
+) -> Result<(), EngineError> {
+    // SAFETY: a context that `make_context` made on this thread.
+    check(unsafe { palr_gym_guard_resize(width as c_int, height as c_int, context) })
+}
+
+/// What follows from positions for the eye, and `mjv_updateScene`.
+pub(crate) fn update_scene(
+    data: &mut MjData<Arc<MjModel>>,
+    option: &mjvOption,
+    perturb: &mjvPerturb,
+    camera: &mut mjvCamera,
+    scene: &mut mjvScene,
+) -> Result<(), EngineError> {
+    guarded(data, |model, data| {
+        // SAFETY: all pointers come from live references; the scene was made for this model.
+        unsafe { palr_gym_guard_update_scene(model, data, option, perturb, camera, scene) }
+    })
+}
+
+/// `mjr_render` and `mjr_readPixels`: fills `rgb`, `[height, width, 3]`, from below.
+pub(crate) fn draw(
+    scene: &mut mjvScene,
+    context: &mut mjrContext,
+    (width, height): (usize, usize),
+    rgb: &mut [u8],
+) -> Result<(), EngineError> {
+    if rgb.len() != width * height * 3 {
+        return Err(EngineError { message: "no room for the picture".into() });
+    }
+    let pixels = rgb.as_mut_ptr();
+    // SAFETY: a context of this thread with a framebuffer of that size, and room for its pixels.
+    check(unsafe { palr_gym_guard_draw(scene, context, width as c_int, height as c_int, pixels) })
 }
 
 /// Called by `guard.c` for every message but errors that a guard catches.

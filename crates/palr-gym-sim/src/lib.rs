@@ -8,6 +8,7 @@
 //! - [`mod@env`]: one environment: task + mask + frame stack + time limit + generator.
 //! - [`vector`]: N of them, stepped together; [`snapshot`]: their state as bytes.
 //! - [`threads`], [`parts`]: the simulation threads, and work that they share.
+//! - [`render`]: pictures, drawn off screen.
 //! - [`mujoco_log`]: where MuJoCo's own messages go.
 //!
 //! Not here: sessions, clients, policies.
@@ -19,6 +20,7 @@ pub mod guard;
 pub mod mujoco_log;
 pub mod parts;
 pub mod physics;
+pub mod render;
 pub mod snapshot;
 pub mod tasks;
 pub mod threads;
@@ -29,6 +31,6 @@ pub use env::{Env, Transition};
 pub use error::SimError;
 pub use parts::{Part, Parts};
 pub use snapshot::{Snapshot, SnapshotError};
-pub use tasks::{Task, resolve};
+pub use tasks::{Task, resolve, resolve_scene};
 pub use threads::{Job, SimulationThreads};
 pub use vector::{DivergedEpisode, OpenLoop, StepFrame, VectorEnv, VectorOptions};

@@ -3,7 +3,7 @@
 use std::cell::RefCell;
 use std::sync::{Arc, OnceLock};
 
-use mujoco_rs::prelude::{MjData, MjModel, MjtState};
+use mujoco_rs::prelude::{MjData, MjModel, MjtObjBase, MjtState};
 
 use crate::divergence::Divergence;
 use crate::error::SimError;
@@ -68,6 +68,10 @@ pub struct Physics {
     /// Where a reset composes the state from which it starts.
     start: Start,
     condition: Condition,
+    /// The geom whose contacts are watched.
+    watched: Option<i32>,
+    /// It touched something in the last step.
+    has_touched: bool,
 }
 
 /// What may be done with MuJoCo's data.
@@ -80,10 +84,19 @@ enum Condition {
     Broken,
 }
 
+/// Where an episode begins, as a task composes it from the model's initial state.
 #[derive(Debug)]
-struct Start {
-    qpos: Vec<f64>,
-    qvel: Vec<f64>,
+pub struct Start {
+    /// Generalised positions.
+    pub qpos: Vec<f64>,
+    /// Generalised velocities.
+    pub qvel: Vec<f64>,
+    /// Positions of the bodies that tasks move themselves, in metres.
+    pub mocap_pos: Vec<[f64; 3]>,
+    /// Their orientations.
+    pub mocap_quat: Vec<[f64; 4]>,
+    /// What the task remembers, as numbers; zeros at first.
+    pub userdata: Vec<f64>,
 }
 
 /// A task's MJCF scene, compiled when it is first needed and then shared by all environments.
@@ -91,6 +104,7 @@ struct Start {
 pub struct Scene {
     task: &'static str,
     mjcf: &'static str,
+    watched_geom: Option<&'static str>,
     model: OnceLock<Result<Arc<MjModel>, SimError>>,
     initial: OnceLock<Result<State, SimError>>,
 }
@@ -103,7 +117,18 @@ thread_local! {
 impl Scene {
     /// The scene `mjcf` of `task`, not compiled yet.
     pub(crate) const fn new(task: &'static str, mjcf: &'static str) -> Self {
-        Self { task, mjcf, model: OnceLock::new(), initial: OnceLock::new() }
+        Self { task, mjcf, watched_geom: None, model: OnceLock::new(), initial: OnceLock::new() }
+    }
+
+    /// A scene in which the contacts of one geom are watched in every physics step
+    /// ([`Physics::has_touched`]).
+    pub(crate) const fn watching(
+        task: &'static str,
+        mjcf: &'static str,
+        geom: &'static str,
+    ) -> Self {
+        let watched_geom = Some(geom);
+        Self { task, mjcf, watched_geom, model: OnceLock::new(), initial: OnceLock::new() }
     }
 
     /// The state in which the model begins.
@@ -166,8 +191,18 @@ impl Physics {
         let model = scene.model()?;
         let data = MjData::try_new(Arc::clone(&model))
             .map_err(|error| SimError::Memory { task: scene.task, message: error.to_string() })?;
-        let start = Start { qpos: data.qpos().to_vec(), qvel: data.qvel().to_vec() };
-        Ok(Self { model, data, start, condition: Condition::Good })
+        let watched = scene
+            .watched_geom
+            .and_then(|name| model.name_to_id(MjtObjBase::mjOBJ_GEOM, name))
+            .map(|id| id as i32);
+        let start = Start {
+            qpos: data.qpos().to_vec(),
+            qvel: data.qvel().to_vec(),
+            mocap_pos: data.mocap_pos().to_vec(),
+            mocap_quat: data.mocap_quat().to_vec(),
+            userdata: data.userdata().to_vec(),
+        };
+        Ok(Self { model, data, start, condition: Condition::Good, watched, has_touched: false })
     }
 
     /// The state as of now, in memory of its own.
@@ -226,21 +261,63 @@ impl Physics {
         self.data.cfrc_ext()
     }
 
-    /// Back to the model's initial state, then moved by `perturb(qpos, qvel)`.
+    /// What the task remembers.
+    #[must_use]
+    pub fn userdata(&self) -> &[f64] {
+        self.data.userdata()
+    }
+
+    /// What the task remembers.
+    pub(crate) fn userdata_mut(&mut self) -> &mut [f64] {
+        self.data.userdata_mut()
+    }
+
+    /// Copies where the task wants the bodies that it moves itself.
+    pub(crate) fn set_mocap(&mut self, positions_m: &[[f64; 3]], quaternions: &[[f64; 4]]) {
+        self.data.mocap_pos_mut().copy_from_slice(positions_m);
+        self.data.mocap_quat_mut().copy_from_slice(quaternions);
+    }
+
+    /// Positions and orientations of the bodies that the task moves itself.
+    pub(crate) fn mocap(&self) -> (&[[f64; 3]], &[[f64; 4]]) {
+        (self.data.mocap_pos(), self.data.mocap_quat())
+    }
+
+    /// The compiled scene.
+    pub(crate) fn model(&self) -> &Arc<MjModel> {
+        &self.model
+    }
+
+    /// Simulated seconds since the reset.
+    #[must_use]
+    pub fn time_s(&self) -> f64 {
+        self.data.time()
+    }
+
+    /// True if the watched geom touched something in any physics step of the last step.
+    #[must_use]
+    pub fn has_touched(&self) -> bool {
+        self.has_touched
+    }
+
+    /// Back to the model's initial state, then moved by `perturb`.
     ///
     /// # Errors
     /// If MuJoCo fails.
-    pub(crate) fn reset(
-        &mut self,
-        perturb: impl FnOnce(&mut [f64], &mut [f64]),
-    ) -> Result<(), EngineError> {
+    pub(crate) fn reset(&mut self, perturb: impl FnOnce(&mut Start)) -> Result<(), EngineError> {
         self.clear()?;
         self.start.qpos.copy_from_slice(self.data.qpos());
         self.start.qvel.copy_from_slice(self.data.qvel());
-        let Start { qpos, qvel } = &mut self.start;
-        perturb(qpos, qvel);
+        self.start.mocap_pos.copy_from_slice(self.data.mocap_pos());
+        self.start.mocap_quat.copy_from_slice(self.data.mocap_quat());
+        self.start.userdata.copy_from_slice(self.data.userdata());
+        perturb(&mut self.start);
         self.data.qpos_mut().copy_from_slice(&self.start.qpos);
         self.data.qvel_mut().copy_from_slice(&self.start.qvel);
+        self.data.mocap_pos_mut().copy_from_slice(&self.start.mocap_pos);
+        self.data.mocap_quat_mut().copy_from_slice(&self.start.mocap_quat);
+        self.data.userdata_mut().copy_from_slice(&self.start.userdata);
+        self.has_touched = false;
         self.forward()
     }
 
@@ -271,16 +348,32 @@ impl Physics {
         self.note(done)
     }
 
-    /// Holds `action` for `frame_skip` physics steps.
+    /// Holds what `set_controls` writes for `frame_skip` physics steps.
     ///
     /// # Errors
     /// If MuJoCo fails; then only [`reset`](Self::reset) helps.
-    pub(crate) fn step(&mut self, action: &[f32], frame_skip: u32) -> Result<(), EngineError> {
-        for (control, &entry) in self.data.ctrl_mut().iter_mut().zip(action) {
-            *control = f64::from(entry);
-        }
-        let done = guard::step(&mut self.data, frame_skip);
+    pub(crate) fn step(
+        &mut self,
+        set_controls: impl FnOnce(&mut [f64]),
+        frame_skip: u32,
+    ) -> Result<(), EngineError> {
+        set_controls(self.data.ctrl_mut());
+        let done = match self.watched {
+            None => guard::step(&mut self.data, frame_skip),
+            Some(geom) => self.step_watching(geom, frame_skip),
+        };
         self.note(done)
+    }
+
+    /// Looks at the contacts of each physics step: a touch may be over at the end of the last.
+    fn step_watching(&mut self, geom: i32, frame_skip: u32) -> Result<(), EngineError> {
+        self.has_touched = false;
+        for _ in 0..frame_skip {
+            guard::step(&mut self.data, 1)?;
+            self.has_touched |=
+                self.data.contact().iter().any(|contact| contact.geom.contains(&geom));
+        }
+        Ok(())
     }
 
     /// Like [`step`](Self::step), and then computes contact forces.
@@ -289,10 +382,10 @@ impl Physics {
     /// If MuJoCo fails; then only [`reset`](Self::reset) helps.
     pub(crate) fn step_with_contact_forces(
         &mut self,
-        action: &[f32],
+        set_controls: impl FnOnce(&mut [f64]),
         frame_skip: u32,
     ) -> Result<(), EngineError> {
-        self.step(action, frame_skip)?;
+        self.step(set_controls, frame_skip)?;
         let done = guard::contact_forces(&mut self.data);
         self.note(done)
     }

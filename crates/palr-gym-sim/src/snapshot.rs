@@ -5,14 +5,14 @@
 //! environment, a fixed number of bytes. Everything is checked before anything is changed, and
 //! nothing is allocated on the word of the bytes alone, so they may come from anywhere.
 
-use palr_gym_core::{AutoresetMode, OutOfBounds};
+use palr_gym_core::{AutoresetMode, OutOfBounds, SceneOptions, WeatherMode};
 
 use crate::mujoco_log::mujoco_version;
 use crate::vector::VectorOptions;
 
 const MAGIC: [u8; 8] = *b"PALRSNAP";
 /// Changes with every change of the layout.
-const VERSION: u32 = 2;
+const VERSION: u32 = 3;
 
 /// Why bytes are no snapshot, or not one of this vector.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -63,6 +63,8 @@ pub struct Snapshot<'a> {
     pub num_envs: usize,
     /// How ends and actions are treated.
     pub options: VectorOptions,
+    /// What was chosen about the scene.
+    pub scene: SceneOptions,
     /// A byte of the caller's own.
     pub tag: u8,
     /// False: the environments were never reset.
@@ -114,6 +116,16 @@ impl<'a> Snapshot<'a> {
                 got => return Err(malformed("out_of_bounds", got, "0 to 2")),
             },
         };
+        let [lead_car_probability] = reader.f64_array("lead_car_probability")?;
+        let weather = match reader.byte("weather")? {
+            0 => WeatherMode::Fixed,
+            1 => WeatherMode::Random,
+            got => return Err(malformed("weather", got, "0 or 1")),
+        };
+        let scene = SceneOptions { lead_car_probability, weather };
+        scene
+            .validate()
+            .map_err(|error| malformed("scene options", error, "values within range"))?;
         let tag = reader.byte("tag")?;
         let was_reset = reader.flag("was_reset")?;
         let num_envs = reader.u32("num_envs")? as usize;
@@ -122,7 +134,7 @@ impl<'a> Snapshot<'a> {
             let want = "as many bytes as environments take";
             return Err(malformed("length", format!("{} bytes", envs.len()), want));
         }
-        Ok(Self { env_id, num_envs, options, tag, was_reset, scene_crc, envs })
+        Ok(Self { env_id, num_envs, options, scene, tag, was_reset, scene_crc, envs })
     }
 
     /// The head of a snapshot as bytes, to which the environments are to be appended, and then
@@ -144,6 +156,11 @@ impl<'a> Snapshot<'a> {
             OutOfBounds::Reject => 0,
             OutOfBounds::Clip => 1,
             OutOfBounds::Raw => 2,
+        });
+        writer.f64s(&[self.scene.lead_car_probability]);
+        writer.bytes.push(match self.scene.weather {
+            WeatherMode::Fixed => 0,
+            WeatherMode::Random => 1,
         });
         writer.bytes.push(self.tag);
         writer.bytes.push(u8::from(self.was_reset));
@@ -247,6 +264,15 @@ impl<'a> Reader<'a> {
             *value = f64::from_le_bytes(*chunk);
         }
         Ok(())
+    }
+
+    fn f64_array<const N: usize>(
+        &mut self,
+        field: &'static str,
+    ) -> Result<[f64; N], SnapshotError> {
+        let mut values = [0.0; N];
+        self.f64s(field, &mut values)?;
+        Ok(values)
     }
 
     fn text(&mut self, field: &'static str) -> Result<&'a str, SnapshotError> {

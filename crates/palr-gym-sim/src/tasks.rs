@@ -3,15 +3,19 @@
 mod ant;
 mod halfcheetah;
 mod hopper;
+mod lane;
 mod locomotion;
 mod walker2d;
 
 use palr_gym_core::nearest::nearest;
 use palr_gym_core::random::Generator;
-use palr_gym_core::{EnvId, EnvSpec, Fidelity, TaskSpec};
+use palr_gym_core::{EnvId, EnvSpec, Fidelity, Mask, SceneOptions, SceneOptionsError, TaskSpec};
 
 use crate::error::SimError;
-use crate::physics::{Physics, Scene};
+use crate::physics::{Physics, Scene, Start};
+use crate::render::Weather;
+
+pub use lane::scene_mjcf as lane_scene_mjcf;
 
 /// What a step earned.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -35,9 +39,24 @@ pub trait Task: Send + Sync {
         false
     }
 
+    /// True if [`SceneOptions`] mean something to the task.
+    fn has_lead_car(&self) -> bool {
+        false
+    }
+
     /// Moves the initial state to where an episode starts, drawing from `generator` in
     /// Gymnasium's order.
-    fn perturb(&self, generator: &mut Generator, qpos: &mut [f64], qvel: &mut [f64]);
+    fn perturb(&self, generator: &mut Generator, options: &SceneOptions, start: &mut Start);
+
+    /// What `action` asks of the actuators.
+    fn controls(&self, action: &[f32], controls: &mut [f64]) {
+        for (control, &entry) in controls.iter_mut().zip(action) {
+            *control = f64::from(entry);
+        }
+    }
+
+    /// What happens beside the physics in each step, after it and before anything is looked at.
+    fn advance(&self, _generator: &mut Generator, _physics: &mut Physics) {}
 
     /// Writes the full observation, `spec().observation` entries.
     fn observe(&self, physics: &Physics, observation: &mut [f64]);
@@ -55,19 +74,36 @@ pub trait Task: Send + Sync {
         info: &mut [f64],
     ) -> Outcome;
 
+    /// Light, fog and colours of the episode; `None`: as the scene has them.
+    fn weather(&self, _physics: &Physics) -> Option<Weather> {
+        None
+    }
+
     /// Writes what a reset that led to `physics` reports: `spec().reset_info_names` entries.
     fn reset_info(&self, _physics: &Physics, _info: &mut [f64]) {}
+
+    /// The action of the task's own controller in a state (a full observation), if it has one: an
+    /// expert that is no model.
+    fn controller(&self, _observation: &[f64], _action: &mut [f32]) -> bool {
+        false
+    }
+
+    /// True if [`controller`](Self::controller) acts.
+    fn has_controller(&self) -> bool {
+        false
+    }
 }
 
-/// Every task as `-v4` defines it, in alphabetical order.
-pub static TASKS: [&dyn Task; 4] = [
+/// Every task, in alphabetical order; where Gymnasium has it, as `-v4` defines it.
+pub static TASKS: [&dyn Task; 5] = [
     &ant::Ant(Fidelity::Gym4),
     &halfcheetah::Halfcheetah(Fidelity::Gym4),
     &hopper::Hopper(Fidelity::Gym4),
+    &lane::Lane,
     &walker2d::Walker2d(Fidelity::Gym4),
 ];
 
-/// The same tasks as `-v5` defines them.
+/// Gymnasium's tasks as `-v5` defines them.
 pub static TASKS_GYM5: [&dyn Task; 4] = [
     &ant::Ant(Fidelity::Gym5),
     &halfcheetah::Halfcheetah(Fidelity::Gym5),
@@ -77,7 +113,7 @@ pub static TASKS_GYM5: [&dyn Task; 4] = [
 
 /// The tasks of a fidelity.
 #[must_use]
-pub fn tasks(fidelity: Fidelity) -> &'static [&'static dyn Task; 4] {
+pub fn tasks(fidelity: Fidelity) -> &'static [&'static dyn Task] {
     match fidelity {
         Fidelity::Gym4 => &TASKS,
         Fidelity::Gym5 => &TASKS_GYM5,
@@ -87,18 +123,48 @@ pub fn tasks(fidelity: Fidelity) -> &'static [&'static dyn Task; 4] {
 /// The task and environment that an id such as `hopper-w2` names.
 ///
 /// # Errors
-/// [`SimError::EnvId`] or [`SimError::UnknownTask`].
+/// [`SimError::EnvId`], [`SimError::UnknownTask`] or [`SimError::View`].
 pub fn resolve(env_id: &str) -> Result<(&'static dyn Task, EnvSpec), SimError> {
     let env_id: EnvId = env_id.parse()?;
-    let names = || TASKS.iter().map(|task| task.spec().name);
-    match tasks(env_id.fidelity).iter().find(|task| task.spec().name == env_id.task) {
-        Some(task) => Ok((*task, EnvSpec::new(env_id, task.spec()))),
-        None => Err(SimError::UnknownTask {
+    let find = |fidelity| tasks(fidelity).iter().find(|task| task.spec().name == env_id.task);
+    let Some(task) = find(env_id.fidelity).or_else(|| find(Fidelity::default())) else {
+        let names = || TASKS.iter().map(|task| task.spec().name);
+        return Err(SimError::UnknownTask {
             suggestion: nearest(&env_id.task, names()),
             known: names().collect(),
             task: env_id.task,
-        }),
+        });
+    };
+    let spec = task.spec();
+    let view = |asked: &'static str, available: Vec<&'static str>| {
+        Err(SimError::View { task: spec.name, asked, available })
+    };
+    if spec.fidelity != env_id.fidelity {
+        return view("gym5", Vec::new());
     }
+    if !spec.masks().any(|mask| mask == env_id.mask) {
+        return view(env_id.mask.name(), spec.masks().map(Mask::name).collect());
+    }
+    Ok((*task, EnvSpec::new(env_id, spec)))
+}
+
+/// The same, with options about its scene.
+///
+/// # Errors
+/// As by [`resolve`], or [`SimError::SceneOptions`].
+pub fn resolve_scene(
+    env_id: &str,
+    options: Option<SceneOptions>,
+) -> Result<(&'static dyn Task, EnvSpec), SimError> {
+    let (task, mut spec) = resolve(env_id)?;
+    if let Some(options) = options {
+        if !task.has_lead_car() {
+            return Err(SceneOptionsError::NoScene { task: spec.task.name }.into());
+        }
+        options.validate()?;
+        spec.scene = options;
+    }
+    Ok((task, spec))
 }
 
 #[cfg(test)]

@@ -11,6 +11,7 @@ use palr_gym_core::{AutoresetMode, EnvSpec, OutOfBounds};
 use crate::env::Env;
 use crate::error::SimError;
 use crate::parts::Parts;
+use crate::render::{GlChoice, View};
 use crate::tasks::Task;
 use crate::threads::SimulationThreads;
 
@@ -123,6 +124,41 @@ impl VectorEnv {
         }
     }
 
+    /// Draws one environment: `[height, width, 3]`.
+    ///
+    /// # Errors
+    /// [`SimError::EnvIndex`] or [`SimError::Render`].
+    pub fn draw(
+        &self,
+        env_index: usize,
+        choice: GlChoice,
+        view: View<'_>,
+        picture: &mut Vec<u8>,
+    ) -> Result<(), SimError> {
+        if env_index >= self.num_envs {
+            let (got, num_envs) = (env_index, self.num_envs);
+            return Err(SimError::EnvIndex { got, previous: None, num_envs });
+        }
+        let piece = self.pieces.get(env_index / self.piece_len);
+        piece.slots[env_index % self.piece_len].env.draw(choice, view, picture)
+    }
+
+    /// Checks that `indices` name environments, ascending.
+    ///
+    /// # Errors
+    /// [`SimError::EnvIndex`].
+    pub fn check_indices(&self, indices: &[usize]) -> Result<(), SimError> {
+        let num_envs = self.num_envs;
+        let mut previous = None;
+        for &got in indices {
+            if got >= num_envs || previous.is_some_and(|previous| got <= previous) {
+                return Err(SimError::EnvIndex { got, previous, num_envs });
+            }
+            previous = Some(got);
+        }
+        Ok(())
+    }
+
     /// Starts new episodes.
     ///
     /// `seeds`: none (generators go on), one (environment i gets seed + i, as in Gymnasium's
@@ -137,13 +173,7 @@ impl VectorEnv {
         if seeds.len() > 1 && seeds.len() != num_envs {
             return Err(SimError::SeedCount { got: seeds.len(), num_envs });
         }
-        let mut previous = None;
-        for &got in indices {
-            if got >= num_envs || previous.is_some_and(|previous| got <= previous) {
-                return Err(SimError::EnvIndex { got, previous, num_envs });
-            }
-            previous = Some(got);
-        }
+        self.check_indices(indices)?;
         // Environments that were never reset have no observation yet: give them one.
         let was_reset = std::mem::replace(&mut self.was_reset, true);
         let is_chosen = |index: usize| {

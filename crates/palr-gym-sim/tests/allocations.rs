@@ -20,7 +20,8 @@ fn a_step_allocates_nothing() {
     let threads = SimulationThreads::start(3).unwrap();
     for task in TASKS {
         for autoreset_mode in [AutoresetMode::NextStep, AutoresetMode::SameStep] {
-            let (task, spec) = resolve(&format!("{}-w3", task.spec().name)).unwrap();
+            let env_id = format!("{}-full-w3", task.spec().name);
+            let (task, spec) = resolve(&env_id).unwrap();
             let row = 12 * spec.action_size();
             let options = VectorOptions { autoreset_mode, out_of_bounds: OutOfBounds::Clip };
             let mut vector = VectorEnv::new(task, spec, 12, options, threads.clone()).unwrap();

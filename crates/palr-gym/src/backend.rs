@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use hyper_util::rt::TokioIo;
 use palr_gym_server::{Listener, Server, ServerConfig};
+use palr_gym_sim::render::GlChoice;
 use palr_gym_trainer::Client;
 use palr_gym_trainer::client::tuned;
 use tonic::transport::{Endpoint, Uri};
@@ -16,16 +17,21 @@ const PIPE_BYTES: usize = 1 << 20;
 /// Connects to the server that was named, or starts one in this process and connects to that. Either way the client
 /// speaks gRPC.
 pub async fn connect(arguments: &ServerArguments) -> anyhow::Result<Client> {
+    connect_drawing(arguments, GlChoice::default()).await
+}
+
+/// The same; a server in this process draws with `gl`.
+pub async fn connect_drawing(arguments: &ServerArguments, gl: GlChoice) -> anyhow::Result<Client> {
     let client = match &arguments.server {
         Some(address) => Client::connect(address).await?,
-        None => start_in_process().await?,
+        None => start_in_process(gl).await?,
     };
     Ok(client.with_deadline(Duration::from_secs(arguments.deadline)))
 }
 
-async fn start_in_process() -> anyhow::Result<Client> {
+async fn start_in_process(gl: GlChoice) -> anyhow::Result<Client> {
     let (ours, theirs) = tokio::io::duplex(PIPE_BYTES);
-    let server = Server::new(ServerConfig::default())?;
+    let server = Server::new(ServerConfig { gl, ..ServerConfig::default() })?;
     tokio::spawn(server.serve(vec![Listener::InProcess(theirs)], std::future::pending()));
     let mut ours = Some(TokioIo::new(ours));
     let connector = tower::service_fn(move |_: Uri| {

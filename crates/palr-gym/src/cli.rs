@@ -4,6 +4,7 @@ pub mod bench;
 pub mod data;
 pub mod demo;
 pub mod expert;
+pub mod render;
 pub mod runs;
 pub mod train;
 
@@ -67,6 +68,8 @@ pub enum Command {
     Collect(CollectArguments),
     /// Play episodes with a policy on the server and report returns and scores.
     Evaluate(EvaluateArguments),
+    /// Draw an episode or a session, as PNG or GIF.
+    Render(render::RenderArguments),
     /// Train a policy on recorded demonstrations, with any of nine methods.
     Train(TrainArguments),
     /// Train experts from nothing, and describe them.
@@ -131,6 +134,8 @@ pub struct ServeArguments {
     /// Close sessions without requests after this many seconds.
     #[arg(long, value_name = "SECONDS", default_value_t = 600)]
     pub session_idle: u64,
+    #[command(flatten)]
+    pub gl: render::GlArguments,
     /// Tell on stdout where it listens, as one line of JSON.
     #[arg(long)]
     pub json: bool,

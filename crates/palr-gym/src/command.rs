@@ -9,6 +9,7 @@ pub mod envs;
 pub mod evaluate;
 pub mod expert;
 pub mod leakage;
+pub mod render;
 pub mod runs;
 pub mod serve;
 pub mod train;

@@ -9,6 +9,7 @@ mod build;
 mod cli;
 mod command;
 mod interrupt;
+mod movie;
 mod output;
 mod progress;
 mod watch;
@@ -27,6 +28,8 @@ const EXIT_FAILURE: u8 = 1;
 const EXIT_USAGE: u8 = 64;
 
 fn main() -> ExitCode {
+    // Before there is any other thread.
+    palr_gym_sim::render::prepare_process();
     // Before any thread can use MuJoCo.
     palr_gym_sim::mujoco_log::route_to_log();
     let cli = match Cli::try_parse() {
@@ -69,6 +72,7 @@ async fn run(cli: Cli) -> anyhow::Result<()> {
         Command::Envs(arguments) => command::envs::run(arguments).await,
         Command::Collect(arguments) => command::collect::run(arguments).await,
         Command::Evaluate(arguments) => command::evaluate::run(arguments).await,
+        Command::Render(arguments) => command::render::run(arguments).await,
         Command::Train(arguments) => command::train::run(arguments).await,
         Command::Expert(arguments) => command::expert::run(arguments).await,
         Command::Data(arguments) => command::data::run(arguments).await,

@@ -42,6 +42,7 @@ fn every_command_teaches_its_use() {
         "envs",
         "collect",
         "evaluate",
+        "render",
         "leakage",
         "train",
         "expert",

@@ -82,7 +82,7 @@ impl Stage for SessionStage {
         };
         // If the caller goes meanwhile, the environment is dropped with the task's result.
         let opened = tokio::task::spawn_blocking(move || {
-            let session = sessions.open(&env_id, 1, options, WireEncode::default())?;
+            let session = sessions.open(&env_id, None, 1, options, WireEncode::default())?;
             let session_id = session.id().to_string();
             Ok(SessionEnv { session_id, spec: session.spec().clone(), sessions })
         });

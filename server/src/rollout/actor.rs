@@ -6,7 +6,7 @@ use palr_gym_sim::Parts;
 
 use super::play::{Log, Seat};
 use crate::error::ServerError;
-use crate::experts::{EXPERTS, expert, sha256};
+use crate::experts::{self, expert, sha256};
 
 /// The policy that a caller asks for.
 #[derive(Debug, Clone)]
@@ -23,6 +23,8 @@ pub enum PolicyChoice {
 pub enum Actor {
     /// Uniform over the action space.
     Random,
+    /// The controller in the task's own code.
+    Controller,
     /// A model.
     Model(Box<ModelActor>),
 }
@@ -42,7 +44,7 @@ impl Actor {
     /// Loads the policy that `choice` names for environments of `spec`.
     ///
     /// # Errors
-    /// [`ServerError::NoExpert`] or [`ServerError::Policy`].
+    /// [`ServerError::NoExpert`], [`ServerError::NotStochastic`] or [`ServerError::Policy`].
     pub fn new(
         choice: &PolicyChoice,
         spec: &EnvSpec,
@@ -53,9 +55,15 @@ impl Actor {
             PolicyChoice::Random => return Ok(Self::Random),
             PolicyChoice::Expert => {
                 let task = spec.task.name;
+                if experts::has_controller(task) {
+                    return match action_mode {
+                        ActionMode::Deterministic => Ok(Self::Controller),
+                        ActionMode::Sampled => Err(ServerError::NotStochastic { task }),
+                    };
+                }
                 let found = expert(task).ok_or_else(|| ServerError::NoExpert {
                     task,
-                    available: EXPERTS.map(|expert| expert.task).join(", "),
+                    available: experts::available(),
                 })?;
                 (found.onnx, true)
             }
@@ -80,11 +88,11 @@ impl Actor {
         })))
     }
 
-    /// SHA-256 of the model; empty for the random policy.
+    /// SHA-256 of the model; empty where there is none.
     #[must_use]
     pub fn sha256(&self) -> &str {
         match self {
-            Self::Random => "",
+            Self::Random | Self::Controller => "",
             Self::Model(model) => &model.sha256,
         }
     }
@@ -97,6 +105,15 @@ impl Actor {
                     let slot = &mut seat.slot;
                     for entry in &mut slot.action {
                         *entry = slot.generator.uniform(-1.0, 1.0) as f32;
+                    }
+                }
+                Ok(())
+            }
+            Self::Controller => {
+                for mut seat in seats.iter().filter(|seat| seat.slot.is_playing()) {
+                    let slot = &mut seat.slot;
+                    if !slot.env.controller(&mut slot.action) {
+                        return Err(ServerError::Internal("a task lost its controller".into()));
                     }
                 }
                 Ok(())

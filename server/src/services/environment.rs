@@ -53,12 +53,13 @@ impl EnvironmentService for Services {
             autoreset_mode: convert::autoreset_mode(request.autoreset_mode)?,
             out_of_bounds: convert::out_of_bounds(request.out_of_bounds)?,
         };
+        let scene = request.scene_options.map(convert::scene_options).transpose()?;
         let observation_type = convert::observation_type(request.observation_dtype)?;
         let sessions = Arc::clone(&self.sessions);
         let opened = tokio::task::spawn_blocking(move || {
             let num_envs = u64::from(request.num_envs.unwrap_or(1));
             let encode = WireEncode { observation_type };
-            sessions.open(&request.env_id, num_envs, options, encode)
+            sessions.open(&request.env_id, scene, num_envs, options, encode)
         });
         let session = opened.await.map_err(|error| ServerError::Internal(error.to_string()))??;
         tracing::info!(
@@ -221,7 +222,7 @@ fn stream_response(answer: Result<WireAnswer, ServerError>) -> v1::StepStreamRes
     let response = match answer {
         Ok(WireAnswer::Reset(reset)) => StreamResponse::Reset(reset),
         Ok(WireAnswer::Step(step)) => StreamResponse::Step(*step),
-        Ok(WireAnswer::Snapshot(_) | WireAnswer::Restored(_)) => {
+        Ok(WireAnswer::Pictures(_) | WireAnswer::Snapshot(_) | WireAnswer::Restored(_)) => {
             StreamResponse::Error(in_band(&mismatch().into()))
         }
         Err(error) => StreamResponse::Error(in_band(&error.into())),

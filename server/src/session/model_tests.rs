@@ -98,6 +98,10 @@ impl Encode for Plain {
         self.step(spec, frame, &mut BytesMut::new())
     }
 
+    fn pictures(&self, _: Pictures) -> Seen {
+        Seen::default()
+    }
+
     fn tag(&self) -> u8 {
         9
     }
@@ -255,7 +259,7 @@ proptest! {
         let options = VectorOptions { autoreset_mode: mode, out_of_bounds: OutOfBounds::Reject };
         let threads = SimulationThreads::start(2).unwrap();
         let sessions = Sessions::new(Limits::default(), threads);
-        let id = sessions.open(ENV_ID, num_envs as u64, options, Plain).unwrap().id().to_string();
+        let id = sessions.open(ENV_ID, None, num_envs as u64, options, Plain).unwrap().id().to_string();
         let mut history: Vec<Op> = Vec::new();
         let mut snapshots: Vec<(Vec<Op>, Vec<u8>)> = Vec::new();
         let mut is_closed = false;
@@ -340,7 +344,7 @@ fn sessions_side_by_side_do_what_each_does_alone() {
     let options = VectorOptions::default();
     let sessions = Arc::new(Sessions::new(Limits::default(), SimulationThreads::start(3).unwrap()));
     let play = move |sessions: &Sessions<Plain>, seed: u64| {
-        let session = sessions.open(ENV_ID, 5, options, Plain).unwrap();
+        let session = sessions.open(ENV_ID, None, 5, options, Plain).unwrap();
         let ask = |command| session.submit(command).unwrap().blocking_recv().unwrap().unwrap();
         let mut seen = vec![ask(Command::Reset { seeds: vec![seed], env_indices: vec![] })];
         for step in 0..60 {

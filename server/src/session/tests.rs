@@ -25,6 +25,10 @@ impl Encode for Spy {
         "open loop"
     }
 
+    fn pictures(&self, _: Pictures) -> Self::Answer {
+        "pictures"
+    }
+
     fn tag(&self) -> u8 {
         0
     }

@@ -40,12 +40,19 @@ fn play(vector: &mut VectorEnv, steps: std::ops::Range<usize>) -> Vec<String> {
 
 #[test]
 fn what_follows_a_snapshot_is_what_followed_the_original() {
-    for env_id in ["hopper-w3", "walker2d-gym5", "halfcheetah-strict-w2", "ant-w4", "ant-gym5"] {
+    for env_id in
+        ["hopper-w3", "walker2d-gym5", "halfcheetah-strict-w2", "ant-w4", "ant-gym5", "lane"]
+    {
         for mode in [AutoresetMode::NextStep, AutoresetMode::SameStep] {
             let mut original = vector(env_id, 4, mode);
             original.reset(&[3], &[]).unwrap();
             // Snapshots of every moment, of ends and due resets too.
-            for cut in [0, 1, 17, 18, 19, 20, 21, 22, 23, 24, 25, 60] {
+            // (The car's episodes do not end as soon, and its steps take longer.)
+            let cuts: &[usize] = match env_id {
+                "lane" => &[0, 25],
+                _ => &[0, 1, 17, 18, 19, 20, 21, 22, 23, 24, 25, 60],
+            };
+            for &cut in cuts {
                 original.reset(&[3], &[]).unwrap();
                 play(&mut original, 0..cut);
                 let snapshot = original.snapshot(7);

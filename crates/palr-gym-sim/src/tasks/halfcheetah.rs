@@ -3,11 +3,11 @@
 
 use palr_gym_core::random::Generator;
 use palr_gym_core::task::ObservationEntry as Entry;
-use palr_gym_core::{Fidelity, ReferenceReturns, TaskSpec};
+use palr_gym_core::{Fidelity, ReferenceReturns, SceneOptions, TaskSpec};
 
 use super::locomotion::{add_normal, add_uniform, control_cost, observe};
 use super::{Outcome, Task};
-use crate::physics::{Physics, Scene};
+use crate::physics::{Physics, Scene, Start};
 
 const RESET_NOISE: f64 = 0.1;
 const CONTROL_COST_WEIGHT: f32 = 0.1;
@@ -46,6 +46,7 @@ const SPEC: TaskSpec = TaskSpec {
     physics_timestep_s: 0.01,
     info_names: &["x_position", "x_velocity", "reward_run", "reward_ctrl"],
     reset_info_names: &[],
+    camera_names: &["track"],
     expert_observation_size: 17,
     // D4RL's reference scores for halfcheetah.
     reference_returns: ReferenceReturns { random: -280.178953, expert: 12135.0 },
@@ -77,9 +78,9 @@ impl Task for Halfcheetah {
         &SCENE
     }
 
-    fn perturb(&self, generator: &mut Generator, qpos: &mut [f64], qvel: &mut [f64]) {
-        add_uniform(generator, RESET_NOISE, qpos);
-        add_normal(generator, RESET_NOISE, qvel);
+    fn perturb(&self, generator: &mut Generator, _: &SceneOptions, start: &mut Start) {
+        add_uniform(generator, RESET_NOISE, &mut start.qpos);
+        add_normal(generator, RESET_NOISE, &mut start.qvel);
     }
 
     fn observe(&self, physics: &Physics, observation: &mut [f64]) {

@@ -3,13 +3,13 @@
 
 use palr_gym_core::random::Generator;
 use palr_gym_core::task::ObservationEntry as Entry;
-use palr_gym_core::{Fidelity, ReferenceReturns, TaskSpec};
+use palr_gym_core::{Fidelity, ReferenceReturns, SceneOptions, TaskSpec};
 
 use super::locomotion::{
     add_uniform, control_cost, forward_outcome, forward_reset_info, is_within, observe,
 };
 use super::{Outcome, Task};
-use crate::physics::{Physics, Scene};
+use crate::physics::{Physics, Scene, Start};
 
 /// Velocities are observed within ± this (m/s, rad/s).
 const VELOCITY_BOUND: f64 = 10.0;
@@ -46,6 +46,7 @@ const SPEC: TaskSpec = TaskSpec {
     physics_timestep_s: 0.002,
     info_names: &["x_position", "x_velocity"],
     reset_info_names: &[],
+    camera_names: &["track"],
     expert_observation_size: 11,
     // D4RL's reference scores for hopper.
     reference_returns: ReferenceReturns { random: -20.272305, expert: 3234.3 },
@@ -84,9 +85,9 @@ impl Task for Hopper {
         &SCENE
     }
 
-    fn perturb(&self, generator: &mut Generator, qpos: &mut [f64], qvel: &mut [f64]) {
-        add_uniform(generator, RESET_NOISE, qpos);
-        add_uniform(generator, RESET_NOISE, qvel);
+    fn perturb(&self, generator: &mut Generator, _: &SceneOptions, start: &mut Start) {
+        add_uniform(generator, RESET_NOISE, &mut start.qpos);
+        add_uniform(generator, RESET_NOISE, &mut start.qvel);
     }
 
     fn observe(&self, physics: &Physics, observation: &mut [f64]) {

@@ -25,10 +25,14 @@ fn scene_files_task_modules_and_registry_stand_one_to_one() {
             .map(|path| path.file_stem().unwrap().to_str().unwrap().to_owned())
             .collect()
     };
-    let names =
-        |tasks: [&dyn Task; 4]| tasks.map(|task| task.spec().name.to_owned()).into_iter().collect();
-    let registered: BTreeSet<String> = names(TASKS);
-    assert_eq!(names(TASKS_GYM5), registered);
+    let names = |tasks: &[&dyn Task]| -> BTreeSet<String> {
+        tasks.iter().map(|task| task.spec().name.to_owned()).collect()
+    };
+    let registered = names(&TASKS);
+    // All but those of our own are Gymnasium's.
+    let mut gymnasiums = registered.clone();
+    assert!(gymnasiums.remove("lane"));
+    assert_eq!(names(&TASKS_GYM5), gymnasiums);
     // Where `-v5` changed the robot, it has a scene of its own.
     let mut scenes = registered.clone();
     scenes.insert("walker2d-gym5".to_owned());
@@ -39,7 +43,8 @@ fn scene_files_task_modules_and_registry_stand_one_to_one() {
     assert_eq!(folder("../../scenes", "xml"), scenes);
     assert_eq!(modules, registered);
     assert!(TASKS.is_sorted_by_key(|task| task.spec().name));
-    for (task, gym5) in TASKS.iter().zip(TASKS_GYM5) {
+    for gym5 in TASKS_GYM5 {
+        let task = TASKS.iter().find(|task| task.spec().name == gym5.spec().name).unwrap();
         let has_own = scenes.contains(&format!("{}-gym5", task.spec().name));
         assert_eq!(!std::ptr::eq(task.scene(), gym5.scene()), has_own);
     }
@@ -52,6 +57,17 @@ fn specs_agree_with_their_compiled_scenes() {
         let model = task.scene().model().unwrap();
         let ffi = model.ffi();
         assert_eq!(spec.physics_timestep_s, ffi.opt.timestep, "{}", spec.name);
+        let cameras = names(&model, MjtObjBase::mjOBJ_CAMERA, ffi.ncam as i32);
+        assert_eq!(
+            BTreeSet::from_iter(cameras),
+            spec.camera_names.iter().copied().collect::<BTreeSet<_>>(),
+            "{}",
+            spec.name
+        );
+        if spec.equals.is_empty() {
+            // Actions and observations of our own tasks are not those of the simulation.
+            continue;
+        }
         assert_eq!(
             names(&model, MjtObjBase::mjOBJ_ACTUATOR, ffi.nu as i32),
             spec.action_names,
@@ -96,6 +112,10 @@ fn every_task_keeps_the_properties_of_an_environment() {
         assert_eq!(unique.len(), spec.observation.len(), "{}", spec.name);
         for mask in Mask::ALL {
             let indices = spec.mask_indices(mask);
+            if !spec.masks().any(|own| own == mask) {
+                assert!(indices.is_empty());
+                continue;
+            }
             let gym4 = tasks(Fidelity::Gym4).iter().find(|task| task.spec().name == spec.name);
             assert!(mask == Mask::Full || indices == gym4.unwrap().spec().mask_indices(mask));
             assert!(indices.is_sorted_by(|a, b| a < b) && !indices.is_empty());
@@ -111,7 +131,7 @@ fn every_task_keeps_the_properties_of_an_environment() {
         let mut high = vec![f64::NEG_INFINITY; spec.observation.len()];
         let mut generator = Generator::from_seed(1);
         env.reset(Some(0)).unwrap();
-        for _ in 0..200 {
+        for _ in 0..600 {
             let action: Vec<f32> =
                 spec.action_names.iter().map(|_| generator.uniform(-1.0, 1.0) as f32).collect();
             let transition = env.step(&action, &mut info);
@@ -135,6 +155,27 @@ fn an_unknown_task_is_answered_with_the_nearest_one() {
     let error = resolve("hoper-w2").err().unwrap().to_string();
     assert_eq!(
         error,
-        "unknown task \"hoper\" (did you mean \"hopper\"?); expected one of ant, halfcheetah, hopper, walker2d"
+        "unknown task \"hoper\" (did you mean \"hopper\"?); expected one of ant, halfcheetah, hopper, lane, walker2d"
+    );
+}
+
+#[test]
+fn a_variant_that_a_task_does_not_have_is_refused_with_those_it_has() {
+    for (env_id, expected) in [
+        ("lane-w3", "task \"lane\" has no \"paper\" variant; expected -full"),
+        ("lane-strict", "task \"lane\" has no \"strict\" variant; expected -full"),
+        ("lane-gym5", "task \"lane\" has no \"gym5\" variant; expected an id without it"),
+    ] {
+        assert_eq!(resolve(env_id).err().unwrap().to_string(), expected);
+    }
+    let options = Some(SceneOptions::default());
+    assert!(resolve_scene("lane", options).is_ok());
+    let error = resolve_scene("hopper", options).err().unwrap().to_string();
+    assert!(error.contains("task \"hopper\" has no scene options"), "{error}");
+    let wrong = Some(SceneOptions { lead_car_probability: 1.5, ..SceneOptions::default() });
+    let error = resolve_scene("lane", wrong).err().unwrap().to_string();
+    assert!(
+        error.contains("lead_car_probability is 1.5; expected a number within [0, 1]"),
+        "{error}"
     );
 }

@@ -2,11 +2,11 @@
 
 use palr_gym_core::random::Generator;
 use palr_gym_core::task::ObservationEntry;
-use palr_gym_core::{EnvId, Fidelity, Mask, ReferenceReturns, TaskSpec};
+use palr_gym_core::{EnvId, Fidelity, Mask, ReferenceReturns, SceneOptions, TaskSpec};
 
 use super::*;
 use crate::divergence::Divergence;
-use crate::physics::{Physics, Scene};
+use crate::physics::{Physics, Scene, Start};
 use crate::tasks::Outcome;
 
 /// Boxes that fall on a floor, in an arena with this much room.
@@ -47,6 +47,7 @@ const SPEC: TaskSpec = TaskSpec {
     physics_timestep_s: 0.002,
     info_names: &["height"],
     reset_info_names: &[],
+    camera_names: &[],
     expert_observation_size: 1,
     reference_returns: ReferenceReturns { random: 0.0, expert: 1.0 },
 };
@@ -83,9 +84,9 @@ impl Task for Boxes {
         }
     }
 
-    fn perturb(&self, generator: &mut Generator, _: &mut [f64], qvel: &mut [f64]) {
+    fn perturb(&self, generator: &mut Generator, _: &SceneOptions, start: &mut Start) {
         if *generator == Generator::from_seed(SEED_OF_SPEED) {
-            qvel[0] = 1e11;
+            start.qvel[0] = 1e11;
         }
     }
 

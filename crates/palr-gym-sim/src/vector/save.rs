@@ -25,6 +25,7 @@ impl VectorEnv {
             env_id,
             num_envs: self.num_envs,
             options: self.options,
+            scene: self.spec.scene,
             tag,
             was_reset: self.was_reset,
             scene_crc: self.task.scene().crc(),
@@ -71,6 +72,7 @@ impl VectorEnv {
                 format!("{:?}", snapshot.options.out_of_bounds),
                 format!("{:?}", ours.options.out_of_bounds),
             ),
+            ("scene options", format!("{:?}", snapshot.scene), format!("{:?}", ours.scene)),
             (
                 "length",
                 format!("{} bytes", snapshot.envs.len()),

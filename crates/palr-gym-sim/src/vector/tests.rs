@@ -24,7 +24,7 @@ fn actions(index: usize, step: usize, size: usize) -> Vec<f32> {
 #[test]
 fn bits_do_not_depend_on_the_number_of_environments_or_threads() {
     for task in crate::tasks::TASKS {
-        let name = format!("{}-w2", task.spec().name);
+        let name = format!("{}-{}-w2", task.spec().name, task.spec().masks().last().unwrap());
         let mut wide = vector(&name, 7, 3, with_mode(AutoresetMode::NextStep));
         wide.reset(&[40], &[]).unwrap();
         let mut narrow: Vec<VectorEnv> =

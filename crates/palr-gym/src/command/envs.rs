@@ -75,7 +75,7 @@ fn print_spec(spec: &v1::EnvironmentSpec) -> anyhow::Result<()> {
     println!(
         "{}: task {}, as {}; mask {}, frame stack {}\n\
          {} steps of {} s ({} physics steps of {} s); score 0 is a return of {random}, 100 of {expert}; expert: {}\n\
-         info: {}",
+         info: {}; cameras: {}",
         spec.env_id,
         spec.task,
         spec.equals,
@@ -87,6 +87,7 @@ fn print_spec(spec: &v1::EnvironmentSpec) -> anyhow::Result<()> {
         spec.physics_timestep_s,
         if spec.has_expert { "yes" } else { "none" },
         spec.info_names.join(", "),
+        spec.camera_names.join(", "),
     );
     for (label, space) in [("observation", &spec.observation_space), ("action", &spec.action_space)]
     {
@@ -139,6 +140,7 @@ fn spec_json(spec: &v1::EnvironmentSpec) -> Value {
         "control_timestep_s": spec.control_timestep_s,
         "info_names": spec.info_names,
         "reset_info_names": spec.reset_info_names,
+        "camera_names": spec.camera_names,
         "reference_returns": { "random": random, "expert": expert },
         "has_expert": spec.has_expert,
     })

@@ -26,6 +26,7 @@ pub async fn run(arguments: ServeArguments) -> anyhow::Result<()> {
     let defaults = ServerConfig::default();
     let config = ServerConfig {
         simulation_threads: arguments.threads.map_or(defaults.simulation_threads, usize::from),
+        gl: arguments.gl.choice,
         limits: Limits {
             max_connections: arguments.max_connections,
             max_sessions: arguments.max_sessions,

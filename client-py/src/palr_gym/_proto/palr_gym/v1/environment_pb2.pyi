@@ -47,6 +47,12 @@ class OutOfBounds(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     OUT_OF_BOUNDS_REJECT: _ClassVar[OutOfBounds]
     OUT_OF_BOUNDS_CLIP: _ClassVar[OutOfBounds]
     OUT_OF_BOUNDS_RAW: _ClassVar[OutOfBounds]
+
+class Weather(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+    __slots__ = ()
+    WEATHER_UNSPECIFIED: _ClassVar[Weather]
+    WEATHER_FIXED: _ClassVar[Weather]
+    WEATHER_RANDOM: _ClassVar[Weather]
 MASK_UNSPECIFIED: Mask
 MASK_FULL: Mask
 MASK_PAPER: Mask
@@ -72,6 +78,17 @@ OUT_OF_BOUNDS_UNSPECIFIED: OutOfBounds
 OUT_OF_BOUNDS_REJECT: OutOfBounds
 OUT_OF_BOUNDS_CLIP: OutOfBounds
 OUT_OF_BOUNDS_RAW: OutOfBounds
+WEATHER_UNSPECIFIED: Weather
+WEATHER_FIXED: Weather
+WEATHER_RANDOM: Weather
+
+class SceneOptions(_message.Message):
+    __slots__ = ("lead_car_probability", "weather")
+    LEAD_CAR_PROBABILITY_FIELD_NUMBER: _ClassVar[int]
+    WEATHER_FIELD_NUMBER: _ClassVar[int]
+    lead_car_probability: float
+    weather: Weather
+    def __init__(self, lead_car_probability: _Optional[float] = ..., weather: _Optional[_Union[Weather, str]] = ...) -> None: ...
 
 class BoxSpace(_message.Message):
     __slots__ = ("dtype", "shape", "low", "high", "names")
@@ -150,7 +167,7 @@ class TaskMask(_message.Message):
     def __init__(self, mask: _Optional[_Union[Mask, str]] = ..., indices: _Optional[_Iterable[int]] = ...) -> None: ...
 
 class EnvironmentSpec(_message.Message):
-    __slots__ = ("env_id", "task", "mask", "frame_stack", "observation_space", "action_space", "max_episode_steps", "frame_skip", "physics_timestep_s", "control_timestep_s", "info_names", "reference_returns", "has_expert", "mask_indices", "fidelity", "equals", "reset_info_names")
+    __slots__ = ("env_id", "task", "mask", "frame_stack", "observation_space", "action_space", "max_episode_steps", "frame_skip", "physics_timestep_s", "control_timestep_s", "info_names", "reference_returns", "has_expert", "mask_indices", "fidelity", "equals", "reset_info_names", "camera_names")
     ENV_ID_FIELD_NUMBER: _ClassVar[int]
     TASK_FIELD_NUMBER: _ClassVar[int]
     MASK_FIELD_NUMBER: _ClassVar[int]
@@ -168,6 +185,7 @@ class EnvironmentSpec(_message.Message):
     FIDELITY_FIELD_NUMBER: _ClassVar[int]
     EQUALS_FIELD_NUMBER: _ClassVar[int]
     RESET_INFO_NAMES_FIELD_NUMBER: _ClassVar[int]
+    CAMERA_NAMES_FIELD_NUMBER: _ClassVar[int]
     env_id: str
     task: str
     mask: Mask
@@ -185,4 +203,5 @@ class EnvironmentSpec(_message.Message):
     fidelity: Fidelity
     equals: str
     reset_info_names: _containers.RepeatedScalarFieldContainer[str]
-    def __init__(self, env_id: _Optional[str] = ..., task: _Optional[str] = ..., mask: _Optional[_Union[Mask, str]] = ..., frame_stack: _Optional[int] = ..., observation_space: _Optional[_Union[BoxSpace, _Mapping]] = ..., action_space: _Optional[_Union[BoxSpace, _Mapping]] = ..., max_episode_steps: _Optional[int] = ..., frame_skip: _Optional[int] = ..., physics_timestep_s: _Optional[float] = ..., control_timestep_s: _Optional[float] = ..., info_names: _Optional[_Iterable[str]] = ..., reference_returns: _Optional[_Union[ReferenceReturns, _Mapping]] = ..., has_expert: _Optional[bool] = ..., mask_indices: _Optional[_Iterable[int]] = ..., fidelity: _Optional[_Union[Fidelity, str]] = ..., equals: _Optional[str] = ..., reset_info_names: _Optional[_Iterable[str]] = ...) -> None: ...
+    camera_names: _containers.RepeatedScalarFieldContainer[str]
+    def __init__(self, env_id: _Optional[str] = ..., task: _Optional[str] = ..., mask: _Optional[_Union[Mask, str]] = ..., frame_stack: _Optional[int] = ..., observation_space: _Optional[_Union[BoxSpace, _Mapping]] = ..., action_space: _Optional[_Union[BoxSpace, _Mapping]] = ..., max_episode_steps: _Optional[int] = ..., frame_skip: _Optional[int] = ..., physics_timestep_s: _Optional[float] = ..., control_timestep_s: _Optional[float] = ..., info_names: _Optional[_Iterable[str]] = ..., reference_returns: _Optional[_Union[ReferenceReturns, _Mapping]] = ..., has_expert: _Optional[bool] = ..., mask_indices: _Optional[_Iterable[int]] = ..., fidelity: _Optional[_Union[Fidelity, str]] = ..., equals: _Optional[str] = ..., reset_info_names: _Optional[_Iterable[str]] = ..., camera_names: _Optional[_Iterable[str]] = ...) -> None: ...

@@ -17,7 +17,7 @@ from palr_gym._proto.palr_gym.v1 import environment_pb2 as palr__gym_dot_v1_dot_
 from palr_gym._proto.palr_gym.v1 import tensor_pb2 as palr__gym_dot_v1_dot_tensor__pb2
 
 
-DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n%palr_gym/v1/environment_service.proto\x12\x0bpalr_gym.v1\x1a\x17google/rpc/status.proto\x1a\x1dpalr_gym/v1/environment.proto\x1a\x18palr_gym/v1/tensor.proto\"\x12\n\x10ListTasksRequest\"5\n\x11ListTasksResponse\x12 \n\x05tasks\x18\x01 \x03(\x0b\x32\x11.palr_gym.v1.Task\"+\n\x19GetEnvironmentSpecRequest\x12\x0e\n\x06\x65nv_id\x18\x01 \x01(\t\"H\n\x1aGetEnvironmentSpecResponse\x12*\n\x04spec\x18\x01 \x01(\x0b\x32\x1c.palr_gym.v1.EnvironmentSpec\"\xdf\x01\n\x12OpenSessionRequest\x12\x0e\n\x06\x65nv_id\x18\x01 \x01(\t\x12\x15\n\x08num_envs\x18\x02 \x01(\rH\x00\x88\x01\x01\x12\x32\n\x0e\x61utoreset_mode\x18\x03 \x01(\x0e\x32\x1a.palr_gym.v1.AutoresetMode\x12/\n\rout_of_bounds\x18\x04 \x01(\x0e\x32\x18.palr_gym.v1.OutOfBounds\x12\x30\n\x11observation_dtype\x18\x05 \x01(\x0e\x32\x15.palr_gym.v1.DataTypeB\x0b\n\t_num_envs\"}\n\x13OpenSessionResponse\x12\x12\n\nsession_id\x18\x01 \x01(\t\x12*\n\x04spec\x18\x02 \x01(\x0b\x32\x1c.palr_gym.v1.EnvironmentSpec\x12\x10\n\x08num_envs\x18\x03 \x01(\r\x12\x14\n\x0cidle_limit_s\x18\x04 \x01(\r\")\n\x13\x43loseSessionRequest\x12\x12\n\nsession_id\x18\x01 \x01(\t\"\x16\n\x14\x43loseSessionResponse\"F\n\x0cResetRequest\x12\x12\n\nsession_id\x18\x01 \x01(\t\x12\r\n\x05seeds\x18\x02 \x03(\x04\x12\x13\n\x0b\x65nv_indices\x18\x03 \x03(\r\"]\n\rResetResponse\x12)\n\x0cobservations\x18\x01 \x01(\x0b\x32\x13.palr_gym.v1.Tensor\x12!\n\x04info\x18\x02 \x01(\x0b\x32\x13.palr_gym.v1.Tensor\"G\n\x0bStepRequest\x12\x12\n\nsession_id\x18\x01 \x01(\t\x12$\n\x07\x61\x63tions\x18\x02 \x01(\x0b\x32\x13.palr_gym.v1.Tensor\"\xdd\x02\n\x0cStepResponse\x12)\n\x0cobservations\x18\x01 \x01(\x0b\x32\x13.palr_gym.v1.Tensor\x12$\n\x07rewards\x18\x02 \x01(\x0b\x32\x13.palr_gym.v1.Tensor\x12\'\n\nterminated\x18\x03 \x01(\x0b\x32\x13.palr_gym.v1.Tensor\x12&\n\ttruncated\x18\x04 \x01(\x0b\x32\x13.palr_gym.v1.Tensor\x12!\n\x04info\x18\x05 \x01(\x0b\x32\x13.palr_gym.v1.Tensor\x12/\n\x12\x66inal_observations\x18\x06 \x01(\x0b\x32\x13.palr_gym.v1.Tensor\x12\'\n\nreset_info\x18\x07 \x01(\x0b\x32\x13.palr_gym.v1.Tensor\x12.\n\x08\x64iverged\x18\x08 \x03(\x0b\x32\x1c.palr_gym.v1.DivergedEpisode\"[\n\x0f\x44ivergedEpisode\x12\x0c\n\x04step\x18\x01 \x01(\r\x12\x11\n\tenv_index\x18\x02 \x01(\r\x12\'\n\x06reason\x18\x03 \x01(\x0e\x32\x17.palr_gym.v1.Divergence\"t\n\x11StepStreamRequest\x12*\n\x05reset\x18\x01 \x01(\x0b\x32\x19.palr_gym.v1.ResetRequestH\x00\x12(\n\x04step\x18\x02 \x01(\x0b\x32\x18.palr_gym.v1.StepRequestH\x00\x42\t\n\x07request\"\x9d\x01\n\x12StepStreamResponse\x12+\n\x05reset\x18\x01 \x01(\x0b\x32\x1a.palr_gym.v1.ResetResponseH\x00\x12)\n\x04step\x18\x02 \x01(\x0b\x32\x19.palr_gym.v1.StepResponseH\x00\x12#\n\x05\x65rror\x18\x03 \x01(\x0b\x32\x12.google.rpc.StatusH\x00\x42\n\n\x08response2\xbe\x04\n\x12\x45nvironmentService\x12J\n\tListTasks\x12\x1d.palr_gym.v1.ListTasksRequest\x1a\x1e.palr_gym.v1.ListTasksResponse\x12\x65\n\x12GetEnvironmentSpec\x12&.palr_gym.v1.GetEnvironmentSpecRequest\x1a\'.palr_gym.v1.GetEnvironmentSpecResponse\x12P\n\x0bOpenSession\x12\x1f.palr_gym.v1.OpenSessionRequest\x1a .palr_gym.v1.OpenSessionResponse\x12S\n\x0c\x43loseSession\x12 .palr_gym.v1.CloseSessionRequest\x1a!.palr_gym.v1.CloseSessionResponse\x12>\n\x05Reset\x12\x19.palr_gym.v1.ResetRequest\x1a\x1a.palr_gym.v1.ResetResponse\x12;\n\x04Step\x12\x18.palr_gym.v1.StepRequest\x1a\x19.palr_gym.v1.StepResponse\x12Q\n\nStepStream\x12\x1e.palr_gym.v1.StepStreamRequest\x1a\x1f.palr_gym.v1.StepStreamResponse(\x01\x30\x01\x62\x06proto3')
+DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n%palr_gym/v1/environment_service.proto\x12\x0bpalr_gym.v1\x1a\x17google/rpc/status.proto\x1a\x1dpalr_gym/v1/environment.proto\x1a\x18palr_gym/v1/tensor.proto\"\x12\n\x10ListTasksRequest\"5\n\x11ListTasksResponse\x12 \n\x05tasks\x18\x01 \x03(\x0b\x32\x11.palr_gym.v1.Task\"+\n\x19GetEnvironmentSpecRequest\x12\x0e\n\x06\x65nv_id\x18\x01 \x01(\t\"H\n\x1aGetEnvironmentSpecResponse\x12*\n\x04spec\x18\x01 \x01(\x0b\x32\x1c.palr_gym.v1.EnvironmentSpec\"\x91\x02\n\x12OpenSessionRequest\x12\x0e\n\x06\x65nv_id\x18\x01 \x01(\t\x12\x15\n\x08num_envs\x18\x02 \x01(\rH\x00\x88\x01\x01\x12\x32\n\x0e\x61utoreset_mode\x18\x03 \x01(\x0e\x32\x1a.palr_gym.v1.AutoresetMode\x12/\n\rout_of_bounds\x18\x04 \x01(\x0e\x32\x18.palr_gym.v1.OutOfBounds\x12\x30\n\x11observation_dtype\x18\x05 \x01(\x0e\x32\x15.palr_gym.v1.DataType\x12\x30\n\rscene_options\x18\x06 \x01(\x0b\x32\x19.palr_gym.v1.SceneOptionsB\x0b\n\t_num_envs\"}\n\x13OpenSessionResponse\x12\x12\n\nsession_id\x18\x01 \x01(\t\x12*\n\x04spec\x18\x02 \x01(\x0b\x32\x1c.palr_gym.v1.EnvironmentSpec\x12\x10\n\x08num_envs\x18\x03 \x01(\r\x12\x14\n\x0cidle_limit_s\x18\x04 \x01(\r\")\n\x13\x43loseSessionRequest\x12\x12\n\nsession_id\x18\x01 \x01(\t\"\x16\n\x14\x43loseSessionResponse\"F\n\x0cResetRequest\x12\x12\n\nsession_id\x18\x01 \x01(\t\x12\r\n\x05seeds\x18\x02 \x03(\x04\x12\x13\n\x0b\x65nv_indices\x18\x03 \x03(\r\"]\n\rResetResponse\x12)\n\x0cobservations\x18\x01 \x01(\x0b\x32\x13.palr_gym.v1.Tensor\x12!\n\x04info\x18\x02 \x01(\x0b\x32\x13.palr_gym.v1.Tensor\"G\n\x0bStepRequest\x12\x12\n\nsession_id\x18\x01 \x01(\t\x12$\n\x07\x61\x63tions\x18\x02 \x01(\x0b\x32\x13.palr_gym.v1.Tensor\"\xdd\x02\n\x0cStepResponse\x12)\n\x0cobservations\x18\x01 \x01(\x0b\x32\x13.palr_gym.v1.Tensor\x12$\n\x07rewards\x18\x02 \x01(\x0b\x32\x13.palr_gym.v1.Tensor\x12\'\n\nterminated\x18\x03 \x01(\x0b\x32\x13.palr_gym.v1.Tensor\x12&\n\ttruncated\x18\x04 \x01(\x0b\x32\x13.palr_gym.v1.Tensor\x12!\n\x04info\x18\x05 \x01(\x0b\x32\x13.palr_gym.v1.Tensor\x12/\n\x12\x66inal_observations\x18\x06 \x01(\x0b\x32\x13.palr_gym.v1.Tensor\x12\'\n\nreset_info\x18\x07 \x01(\x0b\x32\x13.palr_gym.v1.Tensor\x12.\n\x08\x64iverged\x18\x08 \x03(\x0b\x32\x1c.palr_gym.v1.DivergedEpisode\"[\n\x0f\x44ivergedEpisode\x12\x0c\n\x04step\x18\x01 \x01(\r\x12\x11\n\tenv_index\x18\x02 \x01(\r\x12\'\n\x06reason\x18\x03 \x01(\x0e\x32\x17.palr_gym.v1.Divergence\"t\n\x11StepStreamRequest\x12*\n\x05reset\x18\x01 \x01(\x0b\x32\x19.palr_gym.v1.ResetRequestH\x00\x12(\n\x04step\x18\x02 \x01(\x0b\x32\x18.palr_gym.v1.StepRequestH\x00\x42\t\n\x07request\"\x9d\x01\n\x12StepStreamResponse\x12+\n\x05reset\x18\x01 \x01(\x0b\x32\x1a.palr_gym.v1.ResetResponseH\x00\x12)\n\x04step\x18\x02 \x01(\x0b\x32\x19.palr_gym.v1.StepResponseH\x00\x12#\n\x05\x65rror\x18\x03 \x01(\x0b\x32\x12.google.rpc.StatusH\x00\x42\n\n\x08response2\xbe\x04\n\x12\x45nvironmentService\x12J\n\tListTasks\x12\x1d.palr_gym.v1.ListTasksRequest\x1a\x1e.palr_gym.v1.ListTasksResponse\x12\x65\n\x12GetEnvironmentSpec\x12&.palr_gym.v1.GetEnvironmentSpecRequest\x1a\'.palr_gym.v1.GetEnvironmentSpecResponse\x12P\n\x0bOpenSession\x12\x1f.palr_gym.v1.OpenSessionRequest\x1a .palr_gym.v1.OpenSessionResponse\x12S\n\x0c\x43loseSession\x12 .palr_gym.v1.CloseSessionRequest\x1a!.palr_gym.v1.CloseSessionResponse\x12>\n\x05Reset\x12\x19.palr_gym.v1.ResetRequest\x1a\x1a.palr_gym.v1.ResetResponse\x12;\n\x04Step\x12\x18.palr_gym.v1.StepRequest\x1a\x19.palr_gym.v1.StepResponse\x12Q\n\nStepStream\x12\x1e.palr_gym.v1.StepStreamRequest\x1a\x1f.palr_gym.v1.StepStreamResponse(\x01\x30\x01\x62\x06proto3')
 
 _globals = globals()
 _builder.BuildMessageAndEnumDescriptors(DESCRIPTOR, _globals)
@@ -33,27 +33,27 @@ if not _descriptor._USE_C_DESCRIPTORS:
   _globals['_GETENVIRONMENTSPECRESPONSE']._serialized_start=256
   _globals['_GETENVIRONMENTSPECRESPONSE']._serialized_end=328
   _globals['_OPENSESSIONREQUEST']._serialized_start=331
-  _globals['_OPENSESSIONREQUEST']._serialized_end=554
-  _globals['_OPENSESSIONRESPONSE']._serialized_start=556
-  _globals['_OPENSESSIONRESPONSE']._serialized_end=681
-  _globals['_CLOSESESSIONREQUEST']._serialized_start=683
-  _globals['_CLOSESESSIONREQUEST']._serialized_end=724
-  _globals['_CLOSESESSIONRESPONSE']._serialized_start=726
-  _globals['_CLOSESESSIONRESPONSE']._serialized_end=748
-  _globals['_RESETREQUEST']._serialized_start=750
-  _globals['_RESETREQUEST']._serialized_end=820
-  _globals['_RESETRESPONSE']._serialized_start=822
-  _globals['_RESETRESPONSE']._serialized_end=915
-  _globals['_STEPREQUEST']._serialized_start=917
-  _globals['_STEPREQUEST']._serialized_end=988
-  _globals['_STEPRESPONSE']._serialized_start=991
-  _globals['_STEPRESPONSE']._serialized_end=1340
-  _globals['_DIVERGEDEPISODE']._serialized_start=1342
-  _globals['_DIVERGEDEPISODE']._serialized_end=1433
-  _globals['_STEPSTREAMREQUEST']._serialized_start=1435
-  _globals['_STEPSTREAMREQUEST']._serialized_end=1551
-  _globals['_STEPSTREAMRESPONSE']._serialized_start=1554
-  _globals['_STEPSTREAMRESPONSE']._serialized_end=1711
-  _globals['_ENVIRONMENTSERVICE']._serialized_start=1714
-  _globals['_ENVIRONMENTSERVICE']._serialized_end=2288
+  _globals['_OPENSESSIONREQUEST']._serialized_end=604
+  _globals['_OPENSESSIONRESPONSE']._serialized_start=606
+  _globals['_OPENSESSIONRESPONSE']._serialized_end=731
+  _globals['_CLOSESESSIONREQUEST']._serialized_start=733
+  _globals['_CLOSESESSIONREQUEST']._serialized_end=774
+  _globals['_CLOSESESSIONRESPONSE']._serialized_start=776
+  _globals['_CLOSESESSIONRESPONSE']._serialized_end=798
+  _globals['_RESETREQUEST']._serialized_start=800
+  _globals['_RESETREQUEST']._serialized_end=870
+  _globals['_RESETRESPONSE']._serialized_start=872
+  _globals['_RESETRESPONSE']._serialized_end=965
+  _globals['_STEPREQUEST']._serialized_start=967
+  _globals['_STEPREQUEST']._serialized_end=1038
+  _globals['_STEPRESPONSE']._serialized_start=1041
+  _globals['_STEPRESPONSE']._serialized_end=1390
+  _globals['_DIVERGEDEPISODE']._serialized_start=1392
+  _globals['_DIVERGEDEPISODE']._serialized_end=1483
+  _globals['_STEPSTREAMREQUEST']._serialized_start=1485
+  _globals['_STEPSTREAMREQUEST']._serialized_end=1601
+  _globals['_STEPSTREAMRESPONSE']._serialized_start=1604
+  _globals['_STEPSTREAMRESPONSE']._serialized_end=1761
+  _globals['_ENVIRONMENTSERVICE']._serialized_start=1764
+  _globals['_ENVIRONMENTSERVICE']._serialized_end=2338
 # @@protoc_insertion_point(module_scope)

@@ -32,18 +32,20 @@ class GetEnvironmentSpecResponse(_message.Message):
     def __init__(self, spec: _Optional[_Union[_environment_pb2.EnvironmentSpec, _Mapping]] = ...) -> None: ...
 
 class OpenSessionRequest(_message.Message):
-    __slots__ = ("env_id", "num_envs", "autoreset_mode", "out_of_bounds", "observation_dtype")
+    __slots__ = ("env_id", "num_envs", "autoreset_mode", "out_of_bounds", "observation_dtype", "scene_options")
     ENV_ID_FIELD_NUMBER: _ClassVar[int]
     NUM_ENVS_FIELD_NUMBER: _ClassVar[int]
     AUTORESET_MODE_FIELD_NUMBER: _ClassVar[int]
     OUT_OF_BOUNDS_FIELD_NUMBER: _ClassVar[int]
     OBSERVATION_DTYPE_FIELD_NUMBER: _ClassVar[int]
+    SCENE_OPTIONS_FIELD_NUMBER: _ClassVar[int]
     env_id: str
     num_envs: int
     autoreset_mode: _environment_pb2.AutoresetMode
     out_of_bounds: _environment_pb2.OutOfBounds
     observation_dtype: _tensor_pb2.DataType
-    def __init__(self, env_id: _Optional[str] = ..., num_envs: _Optional[int] = ..., autoreset_mode: _Optional[_Union[_environment_pb2.AutoresetMode, str]] = ..., out_of_bounds: _Optional[_Union[_environment_pb2.OutOfBounds, str]] = ..., observation_dtype: _Optional[_Union[_tensor_pb2.DataType, str]] = ...) -> None: ...
+    scene_options: _environment_pb2.SceneOptions
+    def __init__(self, env_id: _Optional[str] = ..., num_envs: _Optional[int] = ..., autoreset_mode: _Optional[_Union[_environment_pb2.AutoresetMode, str]] = ..., out_of_bounds: _Optional[_Union[_environment_pb2.OutOfBounds, str]] = ..., observation_dtype: _Optional[_Union[_tensor_pb2.DataType, str]] = ..., scene_options: _Optional[_Union[_environment_pb2.SceneOptions, _Mapping]] = ...) -> None: ...
 
 class OpenSessionResponse(_message.Message):
     __slots__ = ("session_id", "spec", "num_envs", "idle_limit_s")

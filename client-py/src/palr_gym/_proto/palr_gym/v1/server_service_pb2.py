@@ -14,7 +14,7 @@ _sym_db = _symbol_database.Default()
 
 
 
-DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n palr_gym/v1/server_service.proto\x12\x0bpalr_gym.v1\"\x16\n\x14GetServerInfoRequest\"\x87\x01\n\x15GetServerInfoResponse\x12\x0f\n\x07version\x18\x01 \x01(\t\x12\x16\n\x0emujoco_version\x18\x02 \x01(\t\x12)\n\x06limits\x18\x03 \x01(\x0b\x32\x19.palr_gym.v1.ServerLimits\x12\x1a\n\x12simulation_threads\x18\x04 \x01(\r\"\xb5\x02\n\x0cServerLimits\x12\x14\n\x0cmax_sessions\x18\x01 \x01(\r\x12\x1c\n\x14max_envs_per_session\x18\x02 \x01(\r\x12\x10\n\x08max_envs\x18\x03 \x01(\r\x12\x17\n\x0fmax_frame_stack\x18\x04 \x01(\r\x12\x19\n\x11max_message_bytes\x18\x05 \x01(\x04\x12\x18\n\x10max_policy_bytes\x18\x06 \x01(\x04\x12 \n\x18max_episodes_per_request\x18\x07 \x01(\r\x12\x1c\n\x14session_idle_limit_s\x18\x08 \x01(\r\x12\x18\n\x10max_answer_bytes\x18\t \x01(\x04\x12\x1b\n\x13max_open_loop_steps\x18\n \x01(\r\x12\x1a\n\x12max_snapshot_bytes\x18\x0b \x01(\x04\x32g\n\rServerService\x12V\n\rGetServerInfo\x12!.palr_gym.v1.GetServerInfoRequest\x1a\".palr_gym.v1.GetServerInfoResponseb\x06proto3')
+DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n palr_gym/v1/server_service.proto\x12\x0bpalr_gym.v1\"\x16\n\x14GetServerInfoRequest\"\xac\x01\n\x15GetServerInfoResponse\x12\x0f\n\x07version\x18\x01 \x01(\t\x12\x16\n\x0emujoco_version\x18\x02 \x01(\t\x12)\n\x06limits\x18\x03 \x01(\x0b\x32\x19.palr_gym.v1.ServerLimits\x12\x1a\n\x12simulation_threads\x18\x04 \x01(\r\x12#\n\x06opengl\x18\x05 \x01(\x0b\x32\x13.palr_gym.v1.OpenGl\"<\n\x06OpenGl\x12\x0f\n\x07library\x18\x01 \x01(\t\x12\x10\n\x08renderer\x18\x02 \x01(\t\x12\x0f\n\x07version\x18\x03 \x01(\t\"\xb5\x02\n\x0cServerLimits\x12\x14\n\x0cmax_sessions\x18\x01 \x01(\r\x12\x1c\n\x14max_envs_per_session\x18\x02 \x01(\r\x12\x10\n\x08max_envs\x18\x03 \x01(\r\x12\x17\n\x0fmax_frame_stack\x18\x04 \x01(\r\x12\x19\n\x11max_message_bytes\x18\x05 \x01(\x04\x12\x18\n\x10max_policy_bytes\x18\x06 \x01(\x04\x12 \n\x18max_episodes_per_request\x18\x07 \x01(\r\x12\x1c\n\x14session_idle_limit_s\x18\x08 \x01(\r\x12\x18\n\x10max_answer_bytes\x18\t \x01(\x04\x12\x1b\n\x13max_open_loop_steps\x18\n \x01(\r\x12\x1a\n\x12max_snapshot_bytes\x18\x0b \x01(\x04\x32g\n\rServerService\x12V\n\rGetServerInfo\x12!.palr_gym.v1.GetServerInfoRequest\x1a\".palr_gym.v1.GetServerInfoResponseb\x06proto3')
 
 _globals = globals()
 _builder.BuildMessageAndEnumDescriptors(DESCRIPTOR, _globals)
@@ -24,9 +24,11 @@ if not _descriptor._USE_C_DESCRIPTORS:
   _globals['_GETSERVERINFOREQUEST']._serialized_start=49
   _globals['_GETSERVERINFOREQUEST']._serialized_end=71
   _globals['_GETSERVERINFORESPONSE']._serialized_start=74
-  _globals['_GETSERVERINFORESPONSE']._serialized_end=209
-  _globals['_SERVERLIMITS']._serialized_start=212
-  _globals['_SERVERLIMITS']._serialized_end=521
-  _globals['_SERVERSERVICE']._serialized_start=523
-  _globals['_SERVERSERVICE']._serialized_end=626
+  _globals['_GETSERVERINFORESPONSE']._serialized_end=246
+  _globals['_OPENGL']._serialized_start=248
+  _globals['_OPENGL']._serialized_end=308
+  _globals['_SERVERLIMITS']._serialized_start=311
+  _globals['_SERVERLIMITS']._serialized_end=620
+  _globals['_SERVERSERVICE']._serialized_start=622
+  _globals['_SERVERSERVICE']._serialized_end=725
 # @@protoc_insertion_point(module_scope)

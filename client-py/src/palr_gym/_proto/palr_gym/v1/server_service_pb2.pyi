@@ -10,16 +10,28 @@ class GetServerInfoRequest(_message.Message):
     def __init__(self) -> None: ...
 
 class GetServerInfoResponse(_message.Message):
-    __slots__ = ("version", "mujoco_version", "limits", "simulation_threads")
+    __slots__ = ("version", "mujoco_version", "limits", "simulation_threads", "opengl")
     VERSION_FIELD_NUMBER: _ClassVar[int]
     MUJOCO_VERSION_FIELD_NUMBER: _ClassVar[int]
     LIMITS_FIELD_NUMBER: _ClassVar[int]
     SIMULATION_THREADS_FIELD_NUMBER: _ClassVar[int]
+    OPENGL_FIELD_NUMBER: _ClassVar[int]
     version: str
     mujoco_version: str
     limits: ServerLimits
     simulation_threads: int
-    def __init__(self, version: _Optional[str] = ..., mujoco_version: _Optional[str] = ..., limits: _Optional[_Union[ServerLimits, _Mapping]] = ..., simulation_threads: _Optional[int] = ...) -> None: ...
+    opengl: OpenGl
+    def __init__(self, version: _Optional[str] = ..., mujoco_version: _Optional[str] = ..., limits: _Optional[_Union[ServerLimits, _Mapping]] = ..., simulation_threads: _Optional[int] = ..., opengl: _Optional[_Union[OpenGl, _Mapping]] = ...) -> None: ...
+
+class OpenGl(_message.Message):
+    __slots__ = ("library", "renderer", "version")
+    LIBRARY_FIELD_NUMBER: _ClassVar[int]
+    RENDERER_FIELD_NUMBER: _ClassVar[int]
+    VERSION_FIELD_NUMBER: _ClassVar[int]
+    library: str
+    renderer: str
+    version: str
+    def __init__(self, library: _Optional[str] = ..., renderer: _Optional[str] = ..., version: _Optional[str] = ...) -> None: ...
 
 class ServerLimits(_message.Message):
     __slots__ = ("max_sessions", "max_envs_per_session", "max_envs", "max_frame_stack", "max_message_bytes", "max_policy_bytes", "max_episodes_per_request", "session_idle_limit_s", "max_answer_bytes", "max_open_loop_steps", "max_snapshot_bytes")

@@ -1,0 +1,73 @@
+//! `palr-gym render`
+
+use std::path::Path;
+
+use anyhow::{Context, bail};
+use palr_gym_trainer::PolicySource;
+use palr_gym_trainer::film::{FilmOptions, Frame, Look, film, picture};
+
+use super::evaluate::action_mode;
+use crate::cli::render::{RenderArguments, WeatherChoice};
+use crate::movie::{Movie, png};
+use crate::{backend, progress};
+
+/// Draws and writes.
+pub async fn run(arguments: RenderArguments) -> anyhow::Result<()> {
+    let extension = arguments.out.extension().and_then(|extension| extension.to_str());
+    let is_movie = match extension {
+        Some("png") => false,
+        Some("gif") => true,
+        _ => bail!("{}: expected a file ending in .png or .gif", arguments.out.display()),
+    };
+    let (width_px, height_px) = arguments.size;
+    let camera = arguments.camera.clone().unwrap_or_default();
+    let look = Look { camera, width_px, height_px };
+    let client = backend::connect_drawing(&arguments.server, arguments.gl.choice).await?;
+    if let Some(session) = &arguments.session {
+        if is_movie {
+            bail!("--session draws a single picture; expected --out with a file ending in .png");
+        }
+        let frame = picture(&client, session, arguments.env_index, &look).await?;
+        return write(&arguments.out, &png(width_px, height_px, &frame)?);
+    }
+    let env_id = arguments.env.clone().unwrap_or_default();
+    let spec = client.spec(&env_id).await?;
+    let steps = if is_movie { arguments.steps } else { Some(arguments.step) };
+    let options = FilmOptions {
+        env_id,
+        policy: PolicySource::parse(&arguments.policy),
+        seed: arguments.seed,
+        action_mode: action_mode(arguments.sampled),
+        has_random_weather: arguments.weather == WeatherChoice::Random,
+        steps,
+        look,
+    };
+    let length = steps.unwrap_or(spec.max_episode_steps as usize) as u64 + 1;
+    let bar = progress::bar("render", length, "pictures");
+    let fps = arguments.fps.unwrap_or_else(|| (1.0 / spec.control_timestep_s).round() as u32);
+    // Sides beyond a GIF's are beyond the server's as well.
+    let side = |pixels: u32| u16::try_from(pixels).unwrap_or(u16::MAX);
+    let mut movie = is_movie.then(|| Movie::new(side(width_px), side(height_px), fps));
+    let mut last = Frame::new();
+    film(&client, &options, |frame| {
+        bar.inc(1);
+        if let Some(movie) = &mut movie {
+            movie.add(&frame);
+        }
+        last = frame;
+        Ok(())
+    })
+    .await?;
+    bar.finish_and_clear();
+    let bytes = match movie {
+        Some(movie) => movie.finish()?,
+        None => png(width_px, height_px, &last)?,
+    };
+    write(&arguments.out, &bytes)
+}
+
+fn write(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
+    std::fs::write(path, bytes).with_context(|| format!("cannot write {}", path.display()))?;
+    println!("{}: {} bytes", path.display(), bytes.len());
+    Ok(())
+}
