@@ -35,7 +35,9 @@ FACTS = {
 
 def test_every_task_is_listed_with_its_facts(client: Client) -> None:
     tasks = {task.name: task for task in client.tasks()}
-    assert list(tasks) == sorted(TASKS)
+    assert list(tasks) == sorted([*TASKS, "toy"])
+    toy = tasks.pop("toy")
+    assert [profile.name for profile in toy.fidelity_profiles] == ["gym4"]
     for name, task in tasks.items():
         facts = FACTS[name]
         assert task.equals.endswith(GYMNASIUM_IDS[name])

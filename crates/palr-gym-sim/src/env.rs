@@ -93,6 +93,7 @@ impl Env {
         self.task.scene().on_workbench(|physics| {
             let Self { task, generator, .. } = self;
             physics.reset(|qpos, qvel| task.perturb(generator, qpos, qvel))?;
+            task.draw(generator, physics.drawn_mut(), true);
             self.elapsed_steps = 0;
             self.stack.clear();
             self.task.reset_info(physics, &mut self.reset_info);
@@ -125,6 +126,7 @@ impl Env {
                 return Err(divergence);
             }
             let outcome = self.task.outcome(physics, self.position_m, action, info);
+            self.task.draw(&mut self.generator, physics.drawn_mut(), false);
             self.take_down(physics);
             self.observe(physics);
             Ok(outcome)

@@ -206,6 +206,17 @@ impl Physics {
         self.data.qvel()
     }
 
+    /// What the task has drawn: the scene's userdata.
+    #[must_use]
+    pub fn drawn(&self) -> &[f64] {
+        self.data.userdata()
+    }
+
+    /// The same, to draw it anew.
+    pub(crate) fn drawn_mut(&mut self) -> &mut [f64] {
+        self.data.userdata_mut()
+    }
+
     /// Position of a body's frame in the world, as of the last `mj_step` or `mj_forward`: after a
     /// step it lags `qpos` by one integration.
     #[must_use]

@@ -4,6 +4,7 @@ mod ant;
 mod halfcheetah;
 mod hopper;
 mod locomotion;
+mod toy;
 mod walker2d;
 
 use palr_gym_core::nearest::nearest;
@@ -39,6 +40,11 @@ pub trait Task: Send + Sync {
     /// Gymnasium's order.
     fn perturb(&self, generator: &mut Generator, qpos: &mut [f64], qvel: &mut [f64]);
 
+    /// Draws what chance decides in the course of an episode: once the initial state is there
+    /// (`is_start`), and after each step, once it is paid. `drawn` is the scene's userdata, part of
+    /// the state; Gymnasium's tasks have none.
+    fn draw(&self, _generator: &mut Generator, _drawn: &mut [f64], _is_start: bool) {}
+
     /// Writes the full observation, `spec().observation` entries.
     fn observe(&self, physics: &Physics, observation: &mut [f64]);
 
@@ -59,15 +65,16 @@ pub trait Task: Send + Sync {
     fn reset_info(&self, _physics: &Physics, _info: &mut [f64]) {}
 }
 
-/// Every task as `-v4` defines it, in alphabetical order.
-pub static TASKS: [&dyn Task; 4] = [
+/// Every task, Gymnasium's as `-v4` defines them, in alphabetical order.
+pub static TASKS: [&dyn Task; 5] = [
     &ant::Ant(Fidelity::Gym4),
     &halfcheetah::Halfcheetah(Fidelity::Gym4),
     &hopper::Hopper(Fidelity::Gym4),
+    &toy::Toy,
     &walker2d::Walker2d(Fidelity::Gym4),
 ];
 
-/// The same tasks as `-v5` defines them.
+/// Gymnasium's tasks as `-v5` defines them.
 pub static TASKS_GYM5: [&dyn Task; 4] = [
     &ant::Ant(Fidelity::Gym5),
     &halfcheetah::Halfcheetah(Fidelity::Gym5),
@@ -77,7 +84,7 @@ pub static TASKS_GYM5: [&dyn Task; 4] = [
 
 /// The tasks of a fidelity.
 #[must_use]
-pub fn tasks(fidelity: Fidelity) -> &'static [&'static dyn Task; 4] {
+pub fn tasks(fidelity: Fidelity) -> &'static [&'static dyn Task] {
     match fidelity {
         Fidelity::Gym4 => &TASKS,
         Fidelity::Gym5 => &TASKS_GYM5,
@@ -90,8 +97,9 @@ pub fn tasks(fidelity: Fidelity) -> &'static [&'static dyn Task; 4] {
 /// [`SimError::EnvId`] or [`SimError::UnknownTask`].
 pub fn resolve(env_id: &str) -> Result<(&'static dyn Task, EnvSpec), SimError> {
     let env_id: EnvId = env_id.parse()?;
-    let names = || TASKS.iter().map(|task| task.spec().name);
-    match tasks(env_id.fidelity).iter().find(|task| task.spec().name == env_id.task) {
+    let known = tasks(env_id.fidelity);
+    let names = || known.iter().map(|task| task.spec().name);
+    match known.iter().find(|task| task.spec().name == env_id.task) {
         Some(task) => Ok((*task, EnvSpec::new(env_id, task.spec()))),
         None => Err(SimError::UnknownTask {
             suggestion: nearest(&env_id.task, names()),
