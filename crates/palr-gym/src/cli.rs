@@ -67,8 +67,8 @@ pub enum Command {
     Collect(CollectArguments),
     /// Play episodes with a policy on the server and report returns and scores.
     Evaluate(EvaluateArguments),
-    /// Train a policy on recorded demonstrations, with any of nine methods.
-    Train(TrainArguments),
+    /// Train a policy on recorded demonstrations, with any of eleven methods.
+    Train(Box<TrainArguments>),
     /// Train experts from nothing, and describe them.
     Expert(expert::ExpertArguments),
     /// Describe and check data sets.

@@ -10,7 +10,7 @@
 //! In the demonstrations the past action is g of the step before, and tells more of g (99 of 100)
 //! than the cue does (92 of 100): where they disagree, g is with the past action in 90 of 100. The
 //! likeliest policy stays where it is, whatever the cue says, and once its past actions are its own
-//! it stays there for good and earns nothing. What is independent of the past action given the
+//! it stays there and earns next to nothing. What is independent of the past action given the
 //! demonstrator's is the cue; the policy that follows it earns 2 · 0.92 - 1 = 0.84 a step.
 //!
 //! # The optimum
