@@ -23,7 +23,7 @@ pub const MODEL_CARD: &str = "scenes/experts/README.md";
 pub const CONTROLLER_CARD: &str = "scenes/README.md";
 
 /// Every model, in alphabetical order of tasks.
-pub const EXPERTS: [Expert; 2] = [
+pub const EXPERTS: [Expert; 3] = [
     Expert {
         task: "halfcheetah",
         onnx: include_bytes!("../../scenes/experts/halfcheetah.onnx"),
@@ -33,6 +33,11 @@ pub const EXPERTS: [Expert; 2] = [
         task: "hopper",
         onnx: include_bytes!("../../scenes/experts/hopper.onnx"),
         card_return: 3263.6,
+    },
+    Expert {
+        task: "toy",
+        onnx: include_bytes!("../../scenes/experts/toy.onnx"),
+        card_return: 399.3,
     },
 ];
 

@@ -75,6 +75,8 @@ class Case:
         return "-".join([self.method, *self.settings])
 
 
+DT_LOOSE = {"warmup": 4, "clip_norm": 1e3, "weight_decay": 3.0}
+
 CASES = [
     Case("bc"),
     Case("kf", ["kf.temperature=3"], {"temperature": 3.0}),
@@ -92,6 +94,9 @@ CASES = [
     Case("palr_act", [], {"alpha": 10.0}),
     Case("palr_act", ["palr_act.action=mean"], {"alpha": 10.0, "sampled": False}),
     Case("vib", ["vib.beta=0.1"], {"beta": 0.1}),
+    Case("dt", ["dt.warmup_steps=1"]),
+    Case("dt", ["dt.warmup_steps=4", "dt.clip_norm=1e3", "dt.weight_decay=3"], DT_LOOSE),
+    Case("dt_palr", ["dt.warmup_steps=1", "palr.alpha=50"], {"alpha": 50.0}),
 ]
 
 

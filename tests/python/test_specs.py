@@ -35,7 +35,8 @@ FACTS = {
 
 def test_every_task_is_listed_with_its_facts(client: Client) -> None:
     tasks = {task.name: task for task in client.tasks()}
-    assert list(tasks) == sorted([*TASKS, "lane"])
+    assert list(tasks) == sorted([*TASKS, "lane", "toy"])
+    assert [profile.name for profile in tasks["toy"].fidelity_profiles] == ["gym4"]
     for name, facts in FACTS.items():
         task = tasks[name]
         assert task.equals.endswith(GYMNASIUM_IDS[name])

@@ -20,6 +20,7 @@ _NAMES = {
     "training/hscic": "training_hscic",
     "training/action_hscic": "training_action_hscic",
     "held_out/nll": "held_out_nll",
+    "held_out/change_nll": "held_out_change_nll",
     "held_out/hscic": "held_out_hscic",
     "held_out/action_hscic": "held_out_action_hscic",
 }

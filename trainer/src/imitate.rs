@@ -10,7 +10,9 @@
 //! - [`manifest`]: `run.json`, what a folder says of itself.
 //! - [`records`]: `metrics.jsonl`, `evaluations.jsonl`.
 //! - [`tensorboard`]: the same numbers for TensorBoard.
+//! - [`choice`]: α, chosen by held-out data.
 //! - [`summary`]: runs found, compared, brought together as curves.
+//! - [`together`]: the runs of a process, in lockstep.
 //! - [`beside`]: evaluation on the server while training goes on.
 //!
 //! # A run's folder
@@ -26,14 +28,15 @@
 //! | `policy.onnx`, `policy.safetensors` | the finished policy |
 
 pub mod beside;
+pub mod choice;
 pub mod data;
 pub mod manifest;
 pub mod records;
 pub mod settings;
 pub mod summary;
 pub mod tensorboard;
+pub mod together;
 
-use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -44,13 +47,13 @@ use tokio::sync::mpsc::UnboundedSender;
 
 use crate::client::Client;
 use crate::error::ClientError;
-use crate::imitate::beside::Beside;
-use crate::imitate::data::{Prepared, prepare};
+use crate::imitate::data::{Prepared, Shelf, prepare};
 use crate::imitate::manifest::Manifest;
-use crate::imitate::records::{EvaluationRecord, Metrics, Recorder};
+use crate::imitate::records::{EvaluationRecord, Metrics};
 use crate::imitate::settings::Settings;
+use crate::imitate::together::run_together;
+use crate::learning::checkpoint;
 use crate::learning::train::{CHECKPOINT_FILE, ONNX_FILE, SAFETENSORS_FILE};
-use crate::learning::{checkpoint, train};
 use crate::runs::Run;
 
 /// The settings of a run, in its folder, as a file for `--config`.
@@ -60,7 +63,7 @@ pub const SETTINGS_FILE: &str = "settings.toml";
 pub struct Imitation {
     run: Run,
     settings: Settings,
-    prepared: Prepared,
+    prepared: Arc<Prepared>,
     is_resumed: bool,
 }
 
@@ -102,10 +105,31 @@ impl Imitation {
         settings: Settings,
         git_revision: Option<&str>,
     ) -> Result<Self, ClientError> {
-        let prepared = prepare(client, &settings).await?;
+        let runs = Self::start_all(client, parent, vec![settings], git_revision).await?;
+        runs.into_iter().next().ok_or_else(|| ClientError::file(parent, "no run was started"))
+    }
+
+    /// As [`Self::start`], for each of `settings`, in their order. Runs that see the same rows share
+    /// them.
+    ///
+    /// # Errors
+    /// As [`Self::start`].
+    pub async fn start_all(
+        client: &Client,
+        parent: &Path,
+        settings: Vec<Settings>,
+        git_revision: Option<&str>,
+    ) -> Result<Vec<Self>, ClientError> {
+        let mut shelf = Shelf::default();
+        let mut prepared = Vec::with_capacity(settings.len());
+        for settings in &settings {
+            prepared.push(shelf.get(client, settings).await?);
+        }
         let server = client.server_info().await?;
-        let run = Run::create(parent)?;
-        Self::begin(run, settings, prepared, &server, git_revision)
+        let begin = |(settings, prepared)| {
+            Self::begin(Run::create(parent)?, settings, prepared, &server, git_revision)
+        };
+        settings.into_iter().zip(prepared).map(begin).collect()
     }
 
     /// As [`Self::start`], in a folder that the caller owns; it must not hold a run.
@@ -118,7 +142,7 @@ impl Imitation {
         settings: Settings,
         git_revision: Option<&str>,
     ) -> Result<Self, ClientError> {
-        let prepared = prepare(client, &settings).await?;
+        let prepared = Arc::new(prepare(client, &settings).await?);
         let server = client.server_info().await?;
         let run = Run::at(folder)?;
         Self::begin(run, settings, prepared, &server, git_revision)
@@ -127,7 +151,7 @@ impl Imitation {
     fn begin(
         run: Run,
         settings: Settings,
-        prepared: Prepared,
+        prepared: Arc<Prepared>,
         server: &v1::GetServerInfoResponse,
         git_revision: Option<&str>,
     ) -> Result<Self, ClientError> {
@@ -147,11 +171,24 @@ impl Imitation {
         run: Run,
         change: impl FnOnce(serde_json::Value) -> Result<Settings, ClientError>,
     ) -> Result<Self, ClientError> {
+        Self::resume_sharing(client, run, &mut Shelf::default(), change).await
+    }
+
+    /// As [`Self::resume`]; rows that are on the `shelf` are not read again.
+    ///
+    /// # Errors
+    /// As [`Self::resume`].
+    pub async fn resume_sharing(
+        client: &Client,
+        run: Run,
+        shelf: &mut Shelf,
+        change: impl FnOnce(serde_json::Value) -> Result<Settings, ClientError>,
+    ) -> Result<Self, ClientError> {
         let mut manifest = Manifest::read(run.folder())?;
         let stored = Settings::from_layers(&[manifest.settings.clone()])?;
         let settings = change(manifest.settings.clone())?;
         stored.check_continued(run.folder(), &settings)?;
-        let prepared = prepare(client, &settings).await?;
+        let prepared = shelf.get(client, &settings).await?;
         manifest.check_data(run.folder(), &prepared)?;
         let steps = settings.train.steps;
         match recorded_steps(run.folder())? {
@@ -193,39 +230,12 @@ impl Imitation {
         is_stopped: Arc<AtomicBool>,
         events: UnboundedSender<Event>,
     ) -> Result<Outcome, ClientError> {
-        let Self { run, settings, prepared, is_resumed } = self;
-        let folder = run.folder().to_path_buf();
-        let recorder = Recorder::open(&folder, is_resumed)?;
-        let beside = Beside::start(client.clone(), &settings, &folder, events.clone())?;
-        let training = tokio::task::spawn_blocking(move || {
-            let mut beside = beside;
-            let outcome =
-                learn(&run, &settings, &prepared, recorder, &mut beside, &is_stopped, &events);
-            (run, outcome, beside)
-        });
-        let (run, outcome, beside) = training.await.map_err(|error| ClientError::Panicked {
+        let outcomes = run_together(vec![self], client, is_stopped, vec![events]).await?;
+        // One run in, one out.
+        outcomes.into_iter().next().ok_or(ClientError::Panicked {
             what: "the trainer",
-            message: error.to_string(),
-        })?;
-        let evaluation = match &outcome {
-            // The last evaluations may still be under way; or it was one of them that failed.
-            Ok(_) | Err(ClientError::EvaluationStopped { .. }) => beside.finish().await,
-            Err(_) => {
-                beside.abort();
-                Ok(None)
-            }
-        };
-        // Nobody else may write in the folder before that.
-        drop(run);
-        let mut outcome = match (outcome, evaluation) {
-            (Err(ClientError::EvaluationStopped { .. }), Err(cause)) => return Err(cause),
-            (outcome, evaluation) => {
-                let outcome = outcome?;
-                Outcome { evaluation: evaluation?, ..outcome }
-            }
-        };
-        outcome.run_folder = folder;
-        Ok(outcome)
+            message: "it trained no run".to_owned(),
+        })
     }
 }
 
@@ -250,51 +260,4 @@ fn remove_policy(run: &Run) -> Result<(), ClientError> {
 fn write_settings(run: &Run, settings: &Settings) -> Result<(), ClientError> {
     let path = run.path(SETTINGS_FILE);
     std::fs::write(&path, settings.to_toml()?).map_err(|error| ClientError::file(path, error))
-}
-
-fn learn(
-    run: &Run,
-    settings: &Settings,
-    prepared: &Prepared,
-    mut recorder: Recorder,
-    beside: &mut Beside,
-    is_stopped: &AtomicBool,
-    events: &UnboundedSender<Event>,
-) -> Result<Outcome, ClientError> {
-    let every = settings.run.evaluation.every;
-    let mut last = None;
-    let mut failed = None;
-    let trained = train(
-        &settings.train,
-        &prepared.training,
-        prepared.held_out.as_ref(),
-        run.folder(),
-        true,
-        is_stopped,
-        |progress| {
-            let metrics = Metrics::from(progress);
-            let before = progress.step.saturating_sub(settings.train.log_every);
-            let is_due = every > 0
-                && (progress.step / every > before / every || progress.step == progress.steps);
-            let result = recorder.metrics(&metrics).and_then(|()| {
-                if is_due { beside.submit(progress.step, &progress.policy) } else { Ok(()) }
-            });
-            // Nobody may be watching.
-            let _ = events.send(Event::Report(metrics.clone()));
-            last = Some(metrics);
-            failed = result.err();
-            if failed.is_some() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
-        },
-    )?;
-    if let Some(error) = failed {
-        return Err(error);
-    }
-    Ok(Outcome {
-        run_folder: run.folder().to_path_buf(),
-        is_complete: trained.is_complete,
-        step: trained.step,
-        policy: trained.is_complete.then(|| run.path(ONNX_FILE)),
-        last,
-        evaluation: None,
-    })
 }

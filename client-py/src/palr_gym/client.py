@@ -38,7 +38,7 @@ class Client:
     Example:
         >>> with Client("localhost:7257") as client:
         ...     print([task.name for task in client.tasks()])
-        ['ant', 'halfcheetah', 'hopper', 'lane', 'walker2d']
+        ['ant', 'halfcheetah', 'hopper', 'lane', 'toy', 'walker2d']
     """
 
     def __init__(

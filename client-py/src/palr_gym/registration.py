@@ -7,15 +7,16 @@ import gymnasium
 from palr_gym.env import RemoteEnv
 from palr_gym.vector import RemoteVectorEnv
 
-TASKS = ("hopper", "walker2d", "halfcheetah", "ant")
+TASKS = ("hopper", "walker2d", "halfcheetah", "ant", "toy")
+GYM5_TASKS = ("hopper", "walker2d", "halfcheetah", "ant")
 DEEPEST_REGISTERED_STACK = 5
 
 
 def registered_env_ids() -> list[str]:
     """The server's ids of the environments that are registered.
 
-    Full, paper's and strict mask, and each task as Gymnasium's `-v5` defines it; and `lane`, which
-    shows its state.
+    Full, paper's and strict mask, and each of Gymnasium's tasks as Gymnasium's `-v5` defines it; and
+    `lane`, which shows its state.
     """
     stacks = range(1, DEEPEST_REGISTERED_STACK + 1)
     robots = [
@@ -23,7 +24,7 @@ def registered_env_ids() -> list[str]:
         for task in TASKS
         for env_id in (
             task,
-            f"{task}-gym5",
+            *((f"{task}-gym5",) if task in GYM5_TASKS else ()),
             *(f"{task}-w{frame_stack}" for frame_stack in stacks),
             *(f"{task}-strict-w{frame_stack}" for frame_stack in stacks),
         )

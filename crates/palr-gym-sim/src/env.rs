@@ -127,6 +127,7 @@ impl Env {
             }
             self.task.advance(&mut self.generator, physics);
             let outcome = self.task.outcome(physics, self.position_m, action, info);
+            self.task.draw_next(&mut self.generator, physics.userdata_mut());
             self.take_down(physics);
             self.observe(physics);
             Ok(outcome)

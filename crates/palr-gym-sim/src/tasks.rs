@@ -5,6 +5,7 @@ mod halfcheetah;
 mod hopper;
 mod lane;
 mod locomotion;
+mod toy;
 mod walker2d;
 
 use palr_gym_core::nearest::nearest;
@@ -58,6 +59,10 @@ pub trait Task: Send + Sync {
     /// What happens beside the physics in each step, after it and before anything is looked at.
     fn advance(&self, _generator: &mut Generator, _physics: &mut Physics) {}
 
+    /// Draws what chance decides in the course of an episode, after each step, once it is paid and
+    /// before it is looked at. `userdata` is what the task remembers.
+    fn draw_next(&self, _generator: &mut Generator, _userdata: &mut [f64]) {}
+
     /// Writes the full observation, `spec().observation` entries.
     fn observe(&self, physics: &Physics, observation: &mut [f64]);
 
@@ -95,11 +100,12 @@ pub trait Task: Send + Sync {
 }
 
 /// Every task, in alphabetical order; where Gymnasium has it, as `-v4` defines it.
-pub static TASKS: [&dyn Task; 5] = [
+pub static TASKS: [&dyn Task; 6] = [
     &ant::Ant(Fidelity::Gym4),
     &halfcheetah::Halfcheetah(Fidelity::Gym4),
     &hopper::Hopper(Fidelity::Gym4),
     &lane::Lane,
+    &toy::Toy,
     &walker2d::Walker2d(Fidelity::Gym4),
 ];
 

@@ -70,8 +70,8 @@ pub enum Command {
     Evaluate(EvaluateArguments),
     /// Draw an episode or a session, as PNG or GIF.
     Render(render::RenderArguments),
-    /// Train a policy on recorded demonstrations, with any of nine methods.
-    Train(TrainArguments),
+    /// Train a policy on recorded demonstrations, with any of eleven methods.
+    Train(Box<TrainArguments>),
     /// Train experts from nothing, and describe them.
     Expert(expert::ExpertArguments),
     /// Describe and check data sets.

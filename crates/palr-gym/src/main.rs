@@ -73,7 +73,7 @@ async fn run(cli: Cli) -> anyhow::Result<()> {
         Command::Collect(arguments) => command::collect::run(arguments).await,
         Command::Evaluate(arguments) => command::evaluate::run(arguments).await,
         Command::Render(arguments) => command::render::run(arguments).await,
-        Command::Train(arguments) => command::train::run(arguments).await,
+        Command::Train(arguments) => command::train::run(*arguments).await,
         Command::Expert(arguments) => command::expert::run(arguments).await,
         Command::Data(arguments) => command::data::run(arguments).await,
         Command::Runs(arguments) => command::runs::list(&arguments),

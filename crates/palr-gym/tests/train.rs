@@ -305,3 +305,88 @@ fn what_cannot_be_trained_is_refused_before_a_folder_is_made() {
         assert!(!folder.path().join("runs").exists(), "{more:?}");
     }
 }
+
+#[test]
+fn a_grid_makes_a_run_of_each_combination_with_the_bits_that_it_would_have_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    record(folder.path());
+    let grid = ["--seeds", "3..4", "--frame-stack", "1,2", "--alpha", "0.5,20"];
+    let grid = [TRAIN, &grid, &["--evaluate-every", "20", "--episodes", "2"]].concat();
+    let reports = succeed(folder.path(), &grid);
+    let setting = |run: &Path, pointer: &str| {
+        let manifest = std::fs::read(run.join("run.json")).unwrap();
+        let manifest: serde_json::Value = serde_json::from_slice(&manifest).unwrap();
+        manifest["settings"].pointer(pointer).unwrap().to_string()
+    };
+    let folders: Vec<_> =
+        (1..=8).map(|i| folder.path().join(format!("runs/train/{i:03}"))).collect();
+    let combinations: Vec<_> = folders
+        .iter()
+        .map(|run| ["/env", "/palr/alpha", "/seed", "/batch_seed"].map(|key| setting(run, key)))
+        .collect();
+    let mut want = Vec::new();
+    for env in ["\"hopper-w1\"", "\"hopper-w2\""] {
+        for alpha in ["0.5", "20.0"] {
+            want.extend(["3", "4"].map(|seed| [env, alpha, seed, "3"].map(str::to_owned)));
+        }
+    }
+    assert_eq!(combinations, want);
+    assert_eq!(reports.as_array().unwrap().len(), 8);
+    assert!(reports.as_array().unwrap().iter().all(|run| run["evaluation"]["step"] == 30));
+    // The last combination by itself.
+    let settings = folders[7].join("settings.toml");
+    let alone = ["train", "--config", settings.to_str().unwrap(), "--out", "alone", "--json"];
+    succeed(folder.path(), &alone);
+    assert!(left(&folders[7]) == left(&folder.path().join("alone/001")));
+    assert!(left(&folders[7])[0] != left(&folders[6])[0]);
+    // They go on together.
+    let mut longer = vec!["train", "--steps", "33", "--json", "--resume"];
+    longer.extend(folders[6..].iter().map(|run| run.to_str().unwrap()));
+    assert_eq!(succeed(folder.path(), &longer)[1]["step"], 33);
+    let wrong = [TRAIN, &["--resume", "runs/train/001", "--alpha", "1,2"]].concat();
+    let said = String::from_utf8(palr_gym(folder.path(), &wrong).stderr).unwrap();
+    assert!(said.contains("a run that goes on keeps its α"), "{said}");
+}
+
+#[test]
+fn alpha_auto_names_a_value_by_held_out_rows_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    record(folder.path());
+    let auto = [TRAIN, &["--alpha", "auto:0,1000", "--evaluate-every", "0"]].concat();
+    let report = succeed(folder.path(), &auto);
+    let [choice] = &report["choices"].as_array().unwrap()[..] else { panic!("{report}") };
+    let nll = |at: usize| choice["candidates"][at]["change_nll"].as_f64().unwrap();
+    let best = if nll(0) < nll(1) { 0.0 } else { 1000.0 };
+    assert_eq!(choice["alpha"].as_f64(), Some(best));
+    let left = std::fs::read(folder.path().join("runs/train/alpha.json")).unwrap();
+    let left: serde_json::Value = serde_json::from_slice(&left).unwrap();
+    assert_eq!(&left, &report["choices"]);
+    let blind: Vec<&str> = auto.iter().map(|arg| if *arg == "200" { "0" } else { arg }).collect();
+    let said = String::from_utf8(palr_gym(folder.path(), &blind).stderr).unwrap();
+    assert!(said.contains("held_out.rows is 0; --alpha auto chooses by held-out rows"), "{said}");
+}
+
+#[test]
+fn a_run_that_goes_on_with_other_reports_leaves_no_old_ones_between_them() {
+    let folder = tempfile::tempdir().unwrap();
+    record(folder.path());
+    let every = ["--set", "checkpoint_every=12", "--evaluate-every", "0"];
+    let train: Vec<&str> = TRAIN.iter().map(|arg| if *arg == "10" { "5" } else { arg }).collect();
+    succeed(folder.path(), &[&train[..], &every].concat());
+    let run = folder.path().join("runs/train/001");
+    let steps = || -> Vec<u64> {
+        let text = std::fs::read_to_string(run.join("metrics.jsonl")).unwrap();
+        let step = |line| serde_json::from_str::<serde_json::Value>(line).unwrap()["step"].as_u64();
+        text.lines().map(|line| step(line).unwrap()).collect()
+    };
+    assert_eq!(steps(), [5, 10, 15, 20, 25, 30]);
+    // As if it had been killed after step 30, before the checkpoint there.
+    let killed = ["train", "--steps", "24", "--json", "--config"];
+    let settings = run.join("settings.toml");
+    let killed = [&killed[..], &[settings.to_str().unwrap(), "--out", "killed"]].concat();
+    succeed(folder.path(), &killed);
+    let checkpoint = folder.path().join("killed/001/checkpoint.safetensors");
+    std::fs::copy(checkpoint, run.join("checkpoint.safetensors")).unwrap();
+    succeed(folder.path(), &["train", "--resume", "--log-every", "9", "--json"]);
+    assert_eq!(steps(), [5, 10, 15, 20, 27, 30]);
+}

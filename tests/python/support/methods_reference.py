@@ -362,6 +362,95 @@ def vib(data: Rows, seed: int, settings: Settings) -> Step:
     return one_policy(run, loss, phi=128)
 
 
+WIDTH, DEPTH = 128, 3
+
+
+def dt_layers(frame: int, stack: int, actions: int, seed: int) -> Parameters:
+    """Return, state, positions and norm; three blocks of six; norm and heads."""
+    rng = stream(seed, INITIAL, 0)
+
+    def normal(inputs: int, outputs: int, *, has_bias: bool = True) -> dict[str, Array]:
+        layer = {"w": 0.02 * rng.standard_normal((inputs, outputs))}
+        return {**layer, "b": np.zeros(outputs)} if has_bias else layer
+
+    def norm() -> dict[str, Array]:
+        return {"w": np.ones((1, WIDTH)), "b": np.zeros(WIDTH)}
+
+    layers = [normal(1, WIDTH), normal(frame, WIDTH), normal(stack, WIDTH, has_bias=False), norm()]
+    for _ in range(DEPTH):
+        layers += [norm(), normal(WIDTH, 3 * WIDTH), normal(WIDTH, WIDTH)]
+        layers += [norm(), normal(WIDTH, 4 * WIDTH), normal(4 * WIDTH, WIDTH)]
+    return [*layers, norm(), normal(WIDTH, actions), normal(WIDTH, actions)]
+
+
+def dt_hidden(layers: Parameters, observations: Array, frame: int) -> Array:
+    """The last hidden state of the newest observation's token."""
+
+    def norm(layer: dict[str, Array], x: Array) -> Array:
+        centered = x - x.mean(axis=-1, keepdims=True)
+        variance = (centered**2).mean(axis=-1, keepdims=True)
+        return centered / jnp.sqrt(variance + 1e-5) * layer["w"][0] + layer["b"]
+
+    frames = observations.reshape(len(observations), -1, frame)
+    tokens: list[Array] = []
+    for i in range(frames.shape[1]):
+        position = layers[2]["w"][i]
+        returned = jnp.zeros((len(frames), 1))
+        tokens += [linear(layers[0], returned) + position]
+        tokens += [linear(layers[1], frames[:, i]) + position]
+    x = norm(layers[3], jnp.stack(tokens, axis=1))
+    causal = jnp.tril(jnp.ones((len(tokens), len(tokens)), bool))
+    for block in range(DEPTH):
+        before, attend, project, between, inner, outer = layers[4 + 6 * block : 10 + 6 * block]
+        q, k, v = jnp.split(linear(attend, norm(before, x)), 3, axis=-1)
+        scores = jnp.einsum("nid,njd->nij", q, k) / np.sqrt(WIDTH)
+        weights = jax.nn.softmax(jnp.where(causal, scores, -jnp.inf), axis=-1)
+        x = x + linear(project, weights @ v)
+        x = x + linear(outer, jnp.maximum(linear(inner, norm(between, x)), 0))
+    return norm(layers[-3], x[:, -1])
+
+
+def dt_step(run: Run, alpha: float) -> Step:
+    """AdamW with warm-up and clipping; with alpha, HSCIC of the last hidden state is added."""
+    data, settings = run.data, run.settings
+    stack = run.width // data.frame_size
+    rows = run.rows(BATCH)
+
+    def loss(layers: Parameters) -> tuple[Array, dict[str, Array]]:
+        hidden = dt_hidden(layers, run.batch.observations, data.frame_size)
+        log_std = jnp.clip(linear(layers[-1], hidden), -20, 2)
+        nll = nll_rows(linear(layers[-2], hidden), log_std, run.batch.actions).mean()
+        if alpha == 0:
+            return nll, {"nll": nll}
+        value = hscic(hidden, *run.hscic_actions(rows))
+        return nll + alpha * value, {"nll": nll, "hscic": value}
+
+    policy = Network(dt_layers(data.frame_size, stack, run.actions, run.seed))
+    (_, terms), gradient = jax.jit(jax.value_and_grad(loss, has_aux=True))(policy.parameters)
+    length = np.linalg.norm(flat(gradient))
+    scale = min(1.0, settings.get("clip_norm", 0.25) / (length + 1e-6))
+    rate = 1e-4 / settings.get("warmup", 1)
+    kept = 1 - rate * settings.get("weight_decay", 1e-4)
+
+    def times(factor: float, tree: Parameters) -> Parameters:
+        def product(array: Array) -> Array:
+            return array * factor
+
+        return jax.tree.map(product, tree)
+
+    policy.parameters = times(kept, policy.parameters)
+    policy.descend(times(scale, gradient), rate)
+    return Step({"policy": policy}, {name: float(value) for name, value in terms.items()})
+
+
+def dt(data: Rows, seed: int, settings: Settings) -> Step:
+    return dt_step(Run(data, seed, settings), 0.0)
+
+
+def dt_palr(data: Rows, seed: int, settings: Settings) -> Step:
+    return dt_step(Run(data, seed, settings), settings["alpha"])
+
+
 def kf(data: Rows, seed: int, settings: Settings) -> Step:
     """Weights from the predictor before its update, constants to the policy."""
     run = Run(data, seed, settings)
@@ -561,4 +650,6 @@ METHODS: dict[str, Method] = {
     "palr": palr,
     "palr_act": palr_act,
     "vib": vib,
+    "dt": dt,
+    "dt_palr": dt_palr,
 }

@@ -296,8 +296,8 @@ impl Training {
             let message = "has a checkpoint for an environment of other sizes".into();
             return Err(ClientError::RunFolder { path: run.folder().into(), message });
         }
-        let mut metrics = Track::open(run.folder(), METRICS_FILE, "training", true)?;
-        let mut evaluations = Track::open(run.folder(), EVALUATIONS_FILE, "evaluation", true)?;
+        let mut metrics = Track::open(run.folder(), METRICS_FILE, "training", u64::MAX)?;
+        let mut evaluations = Track::open(run.folder(), EVALUATIONS_FILE, "evaluation", u64::MAX)?;
         metrics.forget_after(counters.step)?;
         evaluations.forget_after(counters.step)?;
         let replay = Replay::new(observation_size, action_size, settings.replay);

@@ -3,6 +3,7 @@
 use std::fs::File;
 use std::io::{BufRead, BufReader};
 use std::path::Path;
+use std::sync::Arc;
 
 use palr_gym_data::{Demonstrations, Samples, Selection, View};
 use serde::{Deserialize, Serialize};
@@ -10,7 +11,7 @@ use sha2::{Digest, Sha256};
 
 use crate::client::Client;
 use crate::error::ClientError;
-use crate::imitate::settings::Settings;
+use crate::imitate::settings::{EvaluationSettings, RunSettings, Settings};
 use crate::leakage::view;
 use crate::learning::TrainingSet;
 use crate::learning::config::StatisticsRows;
@@ -84,6 +85,33 @@ pub async fn prepare(client: &Client, settings: &Settings) -> Result<Prepared, C
         env_id: demonstrations.env_id().map(str::to_owned),
     };
     Ok(Prepared { training, held_out, identity, env_id: spec.env_id })
+}
+
+/// Rows that runs of a process share: what sees the same is in memory once.
+#[derive(Debug, Default)]
+pub struct Shelf(Vec<(RunSettings, StatisticsRows, Arc<Prepared>)>);
+
+impl Shelf {
+    /// The rows that `settings` name, read at the first time.
+    ///
+    /// # Errors
+    /// As [`prepare`].
+    pub async fn get(
+        &mut self,
+        client: &Client,
+        settings: &Settings,
+    ) -> Result<Arc<Prepared>, ClientError> {
+        // How policies are evaluated says nothing of the rows.
+        let run = RunSettings { evaluation: EvaluationSettings::default(), ..settings.run.clone() };
+        let statistics = settings.train.statistics;
+        let found = self.0.iter().find(|entry| entry.0 == run && entry.1 == statistics);
+        if let Some((.., prepared)) = found {
+            return Ok(Arc::clone(prepared));
+        }
+        let prepared = Arc::new(prepare(client, settings).await?);
+        self.0.push((run, statistics, Arc::clone(&prepared)));
+        Ok(prepared)
+    }
 }
 
 /// Samples, flat.

@@ -40,6 +40,9 @@ pub struct Metrics {
     pub training_action_hscic: f64,
     /// On held-out rows, if there are any.
     pub held_out_nll: Option<f64>,
+    /// On the same rows, each weighted by the squared change of its action.
+    #[serde(default)]
+    pub held_out_change_nll: Option<f64>,
     /// Of the representation, on the same rows.
     pub held_out_hscic: Option<f64>,
     /// Of a sampled action of the policy, on the same rows.
@@ -63,6 +66,7 @@ impl From<&Progress> for Metrics {
             training_hscic: progress.training.hscic,
             training_action_hscic: progress.training.action_hscic,
             held_out_nll: held_out.map(|measured| measured.nll),
+            held_out_change_nll: held_out.and_then(|measured| measured.change_nll),
             held_out_hscic: held_out.map(|measured| measured.hscic),
             held_out_action_hscic: held_out.map(|measured| measured.action_hscic),
         }
@@ -123,6 +127,7 @@ impl Stepped for Metrics {
         let optional = [
             ("batch/hscic", self.batch_hscic),
             ("held_out/nll", self.held_out_nll),
+            ("held_out/change_nll", self.held_out_change_nll),
             ("held_out/hscic", self.held_out_hscic),
             ("held_out/action_hscic", self.held_out_action_hscic),
         ];
@@ -163,15 +168,17 @@ pub(crate) struct Track<T> {
 }
 
 impl<T: Stepped + Serialize + DeserializeOwned> Track<T> {
-    /// Of `file` in `folder`, and of events named `name`; with what is there if `is_resumed`.
+    /// Of `file` in `folder`, and of events named `name`; with the records that are there up to step
+    /// `kept`.
     pub(crate) fn open(
         folder: &Path,
         file: &str,
         name: &str,
-        is_resumed: bool,
+        kept: u64,
     ) -> Result<Self, ClientError> {
         let path = folder.join(file);
-        let records = if is_resumed { read_lines(&path)? } else { Vec::new() };
+        let mut records: Vec<T> = if kept > 0 { read_lines(&path)? } else { Vec::new() };
+        records.retain(|record| record.step() <= kept);
         // Derived from the lines, so that a resumed run shows nothing twice.
         let events = EventFile::create(&folder.join(TENSORBOARD).join(name))?;
         let mut track = Self { path, events, records: Vec::new() };
@@ -266,13 +273,14 @@ pub struct Recorder {
 }
 
 impl Recorder {
-    /// For the run in `folder`.
+    /// For the run in `folder`: a new one, or one that goes on after `kept` steps. What was reported
+    /// after them will be reported again, at other steps if `log_every` changed.
     ///
     /// # Errors
     /// [`ClientError::File`].
-    pub fn open(folder: &Path, is_resumed: bool) -> Result<Self, ClientError> {
-        let metrics = Track::open(folder, METRICS_FILE, "training", is_resumed)?;
-        if is_resumed {
+    pub fn open(folder: &Path, kept: Option<u64>) -> Result<Self, ClientError> {
+        let metrics = Track::open(folder, METRICS_FILE, "training", kept.unwrap_or(0))?;
+        if kept.is_some() {
             // Also drops a torn last line, after which nothing may be appended.
             metrics.rewrite()?;
         }
@@ -295,7 +303,7 @@ pub(crate) struct EvaluationRecorder {
 
 impl EvaluationRecorder {
     pub(crate) fn open(folder: &Path) -> Result<Self, ClientError> {
-        let track = Track::open(folder, EVALUATIONS_FILE, "evaluation", true)?;
+        let track = Track::open(folder, EVALUATIONS_FILE, "evaluation", u64::MAX)?;
         if !track.records.is_empty() {
             track.rewrite()?;
         }

@@ -5,6 +5,8 @@
 //! here, a table of settings with its file in `trainer/configs/`, and a line in [`method`].
 
 pub mod bc;
+pub mod dt;
+pub mod dt_palr;
 pub mod fca;
 pub mod kf;
 pub mod mine;
@@ -101,6 +103,8 @@ pub fn method<'a>(context: Context<'a>) -> Box<dyn Method + 'a> {
         Algorithm::Palr => Box::new(palr::Palr::new(context)),
         Algorithm::PalrAct => Box::new(palr_act::PalrAct::new(context)),
         Algorithm::Vib => Box::new(vib::Vib::new(context)),
+        Algorithm::Dt => Box::new(dt::Dt::new(context)),
+        Algorithm::DtPalr => Box::new(dt_palr::DtPalr::new(context)),
     }
 }
 

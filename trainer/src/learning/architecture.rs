@@ -2,7 +2,7 @@
 
 use burn::tensor::{Device, Tensor};
 
-use crate::learning::algorithms::{primenet, rap, vib};
+use crate::learning::algorithms::{dt, primenet, rap, vib};
 use crate::learning::config::PrimeJunction;
 use crate::learning::error::TrainError;
 use crate::learning::network::{LayerShape, Layers, parameter_count};
@@ -19,6 +19,8 @@ pub enum Kind {
     Rap,
     /// The action of PrimeNet's network of the last frame joins the policy of the stack.
     Primenet(PrimeJunction),
+    /// DT's transformer over the stack.
+    Transformer,
     /// VIB's policy, averaged over so many fixed samples of its bottleneck.
     Sampled(usize),
 }
@@ -37,12 +39,18 @@ pub struct Architecture {
 }
 
 impl Architecture {
-    /// The shape of the network [`POLICY`].
+    /// Observations in a stack.
+    #[must_use]
+    pub fn frame_stack(self) -> usize {
+        self.observation_size / self.frame_size
+    }
+
+    /// The shape of the network [`POLICY`], if it is a multi-layer perceptron.
     #[must_use]
     pub fn policy_shape(self) -> PolicyShape {
         let plain = PolicyShape::plain(self.observation_size, self.action_size);
         match self.kind {
-            Kind::Plain => plain,
+            Kind::Plain | Kind::Transformer => plain,
             Kind::Rap => rap::policy_shape(self.frame_size, self.action_size),
             Kind::Primenet(junction) => {
                 primenet::policy_shape(self.observation_size, self.action_size, junction)
@@ -57,6 +65,10 @@ impl Architecture {
         let policy = (POLICY, self.policy_shape().layers().to_vec());
         match self.kind {
             Kind::Plain => vec![policy],
+            Kind::Transformer => {
+                let Self { frame_size, action_size, .. } = self;
+                vec![(POLICY, dt::layers(frame_size, self.frame_stack(), action_size))]
+            }
             Kind::Rap => vec![(rap::MEMORY, rap::memory_layers(self.observation_size)), policy],
             Kind::Primenet(_) => {
                 let shape = PolicyShape::plain(self.frame_size, self.action_size);
@@ -93,6 +105,12 @@ impl Architecture {
         let policy = |parameters: &[f32]| PolicyNet::new(shape, parameters, device);
         match self.kind {
             Kind::Plain => Ok(policy(parameters)?.forward(observations)),
+            Kind::Transformer => {
+                let Self { frame_size, action_size, .. } = self;
+                let layers = dt::layers(frame_size, self.frame_stack(), action_size);
+                let layers = Layers::new(&layers, parameters, device)?;
+                Ok(dt::forward(&layers, observations, self.frame_stack()))
+            }
             Kind::Rap => {
                 let layers = rap::memory_layers(self.observation_size);
                 let (memory, rest) = parameters.split_at(parameter_count(&layers));

@@ -7,8 +7,9 @@ use serde::{Deserialize, Serialize};
 
 pub use self::defaults::defaults;
 pub use self::methods::{
-    ActionSource, FcaConfig, KfConfig, KfSchedule, KfTemperature, KfWeighting, MineConfig,
-    PalrActConfig, PalrConfig, PrimeJunction, PrimenetConfig, RapConfig, VibConfig, WeightsMode,
+    ActionSource, DtConfig, FcaConfig, KfConfig, KfSchedule, KfTemperature, KfWeighting,
+    MineConfig, PalrActConfig, PalrConfig, PrimeJunction, PrimenetConfig, RapConfig, VibConfig,
+    WeightsMode,
 };
 use crate::learning::error::TrainError;
 
@@ -34,11 +35,15 @@ pub enum Algorithm {
     PalrAct,
     /// The variational information bottleneck.
     Vib,
+    /// The decision transformer, imitating.
+    Dt,
+    /// The decision transformer with PALR's regulariser on its last hidden state.
+    DtPalr,
 }
 
 impl Algorithm {
     /// Every method, in the order of the paper.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 11] = [
         Self::Bc,
         Self::Kf,
         Self::Primenet,
@@ -48,6 +53,8 @@ impl Algorithm {
         Self::Palr,
         Self::PalrAct,
         Self::Vib,
+        Self::Dt,
+        Self::DtPalr,
     ];
 
     /// As settings name it.
@@ -63,6 +70,8 @@ impl Algorithm {
             Self::Palr => "palr",
             Self::PalrAct => "palr_act",
             Self::Vib => "vib",
+            Self::Dt => "dt",
+            Self::DtPalr => "dt_palr",
         }
     }
 
@@ -71,11 +80,11 @@ impl Algorithm {
     #[must_use]
     pub fn alpha_setting(self) -> Option<&'static str> {
         match self {
-            Self::Bc | Self::Primenet | Self::Rap => None,
+            Self::Bc | Self::Primenet | Self::Rap | Self::Dt => None,
             Self::Kf => Some("kf.temperature"),
             Self::Fca => Some("fca.alpha"),
             Self::Mine => Some("mine.alpha"),
-            Self::Palr | Self::PalrAct => Some("palr.alpha"),
+            Self::Palr | Self::PalrAct | Self::DtPalr => Some("palr.alpha"),
             Self::Vib => Some("vib.beta"),
         }
     }
@@ -126,6 +135,8 @@ pub struct TrainConfig {
     pub mine: MineConfig,
     /// Used if the algorithm is `vib`.
     pub vib: VibConfig,
+    /// Used if the algorithm is `dt` or `dt_palr`.
+    pub dt: DtConfig,
     /// Steps between two reports of progress. Does not change the parameters.
     pub log_every: u64,
     /// Steps between two checkpoints. Does not change the parameters.
@@ -154,6 +165,7 @@ impl Default for TrainConfig {
             fca: FcaConfig::default(),
             mine: MineConfig::default(),
             vib: VibConfig::default(),
+            dt: DtConfig::default(),
             log_every: 1000,
             checkpoint_every: 10_000,
             metric_rows: 1024,
@@ -195,6 +207,7 @@ impl TrainConfig {
         self.fca.validate()?;
         self.mine.validate()?;
         self.vib.validate()?;
+        self.dt.validate()?;
         Ok(())
     }
 

@@ -334,7 +334,7 @@ pub struct Batch {
 
 /// Of one action with `u` before tanh: the normal's constant, and the logarithm of tanh's slope,
 /// `2 (log 2 - u - softplus(-2u))`, which keeps its digits where tanh saturates.
-fn nll_offset(u: &[f32]) -> f64 {
+pub(crate) fn nll_offset(u: &[f32]) -> f64 {
     let half_log_tau = 0.5 * std::f64::consts::TAU.ln();
     u.iter()
         .map(|&u| {

@@ -2,6 +2,7 @@
 
 mod graphs;
 mod onnx;
+mod transformer;
 
 use burn::tensor::Device;
 use safetensors::tensor::{Dtype, TensorView, serialize};

@@ -3,6 +3,7 @@
 use burn::tensor::Tensor;
 
 use crate::learning::context::BatchTensors;
+use crate::learning::data::nll_offset;
 use crate::learning::error::TrainError;
 use crate::learning::network::scalar;
 use crate::learning::policy_net::PolicyTensors;
@@ -55,6 +56,18 @@ pub fn of_weighted_batch(
     let entries = entries(mean, log_std, batch.pre_tanh.clone());
     let value = scalar(&entries.clone().inner().sum())? / n as f64 + batch.nll_offset;
     Ok(((entries * weights).sum(), value))
+}
+
+/// -log p of one action, in nats: `u` is its atanh, `[action_size]` each.
+#[must_use]
+pub fn of_row(u: &[f32], mean: &[f32], log_std: &[f32]) -> f64 {
+    let entry = |((&u, &mean), &log_std): ((&f32, &f32), &f32)| {
+        let log_std = f64::from(log_std);
+        let z = (f64::from(u) - f64::from(mean)) * (-log_std).exp();
+        0.5 * z * z + log_std
+    };
+    let entries = u.iter().zip(mean).zip(log_std).map(entry).sum::<f64>();
+    entries + nll_offset(u)
 }
 
 fn entries(mean: Tensor<2>, log_std: Tensor<2>, pre_tanh: Tensor<2>) -> Tensor<2> {

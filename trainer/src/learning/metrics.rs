@@ -17,6 +17,10 @@ use crate::learning::weights::{KernelConfig, WeightMatrix};
 pub struct Measurement {
     /// Mean negative log-likelihood, in nats.
     pub nll: f64,
+    /// The same, each row weighted by the squared change of its action, ‖a_t - a_{t-1}‖²: how good
+    /// the policy is where copying the past action is wrong. Rows without a past action do not
+    /// count; `None` if no action changes.
+    pub change_nll: Option<f64>,
     /// HSCIC of the representation and the past action given the action, with the run's kernels.
     pub hscic: f64,
     /// HSCIC of a sampled action of the policy, raw actions throughout (as the paper's Table 13).
@@ -28,6 +32,8 @@ pub(crate) struct Probe {
     batch: Batch,
     weights: WeightMatrix,
     raw_weights: WeightMatrix,
+    /// Of each row, summing to 1; empty if no action changes.
+    change_weights: Vec<f64>,
     /// `[n, action_size]`: which sample of the policy is measured, the same in every report.
     noise: Vec<f32>,
     bandwidth_sq: f64,
@@ -49,7 +55,9 @@ impl Probe {
         let noise = (0..count * set.action_size()).map(|_| generator.standard_normal() as f32);
         let noise = noise.collect();
         let bandwidth_sq = config.palr.bandwidth_sq;
-        Ok(Self { batch: set.batch(&rows), weights, raw_weights, noise, bandwidth_sq })
+        let batch = set.batch(&rows);
+        let change_weights = change_weights(&batch, set.action_size());
+        Ok(Self { batch, weights, raw_weights, change_weights, noise, bandwidth_sq })
     }
 
     pub(crate) fn measure(
@@ -65,13 +73,38 @@ impl Probe {
         let phi = values(output.representation)?;
         let hscic = hscic_gradient(&phi, width, &self.weights, self.bandwidth_sq);
         let (mean, log_std) = (values(output.mean)?, values(output.log_std)?);
+        let change_nll = self.change_nll(&mean, &log_std, architecture.action_size);
         let sampled = mean.iter().zip(&log_std).zip(&self.noise);
         let actions: Vec<f32> =
             sampled.map(|((mean, log_std), noise)| (mean + log_std.exp() * noise).tanh()).collect();
         let size = architecture.action_size;
         let action = hscic_gradient(&actions, size, &self.raw_weights, self.bandwidth_sq);
-        Ok(Measurement { nll, hscic: hscic.value, action_hscic: action.value })
+        Ok(Measurement { nll, change_nll, hscic: hscic.value, action_hscic: action.value })
     }
+
+    fn change_nll(&self, mean: &[f32], log_std: &[f32], size: usize) -> Option<f64> {
+        let gaussians = mean.chunks_exact(size).zip(log_std.chunks_exact(size));
+        let rows = self.batch.pre_tanh.chunks_exact(size).zip(gaussians);
+        let nll = rows
+            .zip(&self.change_weights)
+            .map(|((u, (mean, log_std)), weight)| weight * likelihood::of_row(u, mean, log_std));
+        (!self.change_weights.is_empty()).then(|| nll.sum())
+    }
+}
+
+/// The squared change of each row's action as a share of all; none for rows whose past action is 0,
+/// as it is where an episode begins.
+fn change_weights(batch: &Batch, size: usize) -> Vec<f64> {
+    let rows = batch.actions.chunks_exact(size).zip(batch.past_actions.chunks_exact(size));
+    let changes: Vec<f64> = rows
+        .map(|(action, past)| {
+            let is_first = past.iter().all(|&entry| entry == 0.0);
+            let change = action.iter().zip(past).map(|(a, p)| f64::from(a - p).powi(2)).sum();
+            if is_first { 0.0 } else { change }
+        })
+        .collect();
+    let sum: f64 = changes.iter().sum();
+    if sum > 0.0 { changes.into_iter().map(|change| change / sum).collect() } else { Vec::new() }
 }
 
 /// The kernels of a run.

@@ -14,6 +14,9 @@ use crate::learning::streams::{Purpose, stream};
 /// Slope of LeakyReLU below 0.
 pub const NEGATIVE_SLOPE: f64 = 0.2;
 
+/// Of a transformer's first weights.
+const TRANSFORMER_STD: f64 = 0.02;
+
 /// A linear layer's place in a network.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct LayerShape {
@@ -102,6 +105,8 @@ pub enum Initialization {
     Uniform,
     /// Kaiming's normal for relu, √2/√inputs, with 1/√inputs for the last layer; zero biases.
     Kaiming,
+    /// GPT-2's: N(0, 0.02²), zero biases; gains of norms, layers whose name begins so, are 1.
+    Transformer,
 }
 
 /// A network and its optimiser: together they decide every later step.
@@ -134,6 +139,15 @@ impl Network {
             match initialization {
                 Initialization::Uniform => parameters
                     .extend((0..layer.len()).map(|_| generator.uniform(-bound, bound) as f32)),
+                Initialization::Transformer => {
+                    let weights = layer.inputs * layer.outputs;
+                    let is_norm = layer.name.starts_with("norm");
+                    parameters.extend((0..weights).map(|_| match is_norm {
+                        true => 1.0,
+                        false => (TRANSFORMER_STD * generator.standard_normal()) as f32,
+                    }));
+                    parameters.resize(parameters.len() + layer.len() - weights, 0.0);
+                }
                 Initialization::Kaiming => {
                     let is_last = at + 1 == layers.len();
                     let std = if is_last { bound } else { std::f64::consts::SQRT_2 * bound };
@@ -231,6 +245,28 @@ impl Layers {
         match bias {
             Some(bias) => output + bias.clone().unsqueeze(),
             None => output,
+        }
+    }
+
+    /// The weight of layer number `at`, `[inputs, outputs]`.
+    ///
+    /// # Panics
+    /// If there is no such layer.
+    #[must_use]
+    pub fn weight(&self, at: usize) -> Tensor<2> {
+        self.0[at].weight.clone()
+    }
+
+    /// The bias of layer number `at` as a row, zeros if it has none.
+    ///
+    /// # Panics
+    /// If there is no such layer.
+    #[must_use]
+    pub fn bias(&self, at: usize) -> Tensor<2> {
+        let Layer { weight, bias } = &self.0[at];
+        match bias {
+            Some(bias) => bias.clone().unsqueeze(),
+            None => Tensor::zeros([1, weight.dims()[1]], &weight.device()),
         }
     }
 

@@ -112,7 +112,8 @@ impl<'a> Trainer<'a> {
         config.validate()?;
         check_sizes(data, held_out)?;
         let context = Context::new(config, data, shared_weights);
-        let needs_weights = matches!(config.algorithm, Algorithm::Palr | Algorithm::PalrAct);
+        let needs_weights =
+            matches!(config.algorithm, Algorithm::Palr | Algorithm::PalrAct | Algorithm::DtPalr);
         let weights = needs_weights.then(|| context.weights.clone());
         let method = method(context);
         let fingerprint = data.fingerprint();

@@ -40,9 +40,16 @@ fn play(vector: &mut VectorEnv, steps: std::ops::Range<usize>) -> Vec<String> {
 
 #[test]
 fn what_follows_a_snapshot_is_what_followed_the_original() {
-    for env_id in
-        ["hopper-w3", "walker2d-gym5", "halfcheetah-strict-w2", "ant-w4", "ant-gym5", "lane"]
-    {
+    let env_ids = [
+        "hopper-w3",
+        "walker2d-gym5",
+        "halfcheetah-strict-w2",
+        "ant-w4",
+        "ant-gym5",
+        "lane",
+        "toy-w2",
+    ];
+    for env_id in env_ids {
         for mode in [AutoresetMode::NextStep, AutoresetMode::SameStep] {
             let mut original = vector(env_id, 4, mode);
             original.reset(&[3], &[]).unwrap();

@@ -5,6 +5,8 @@
 //! Wen et al. (2021). The paper of PALR says that keyframes are *highly* predictable actions; the
 //! method's own paper and code weigh the badly predictable ones up, and so does this.
 
+use burn::tensor::Tensor;
+
 use crate::learning::algorithms::{Method, StepReport, state};
 use crate::learning::architecture::{Architecture, Kind};
 use crate::learning::config::{KfConfig, KfSchedule, KfTemperature, KfWeighting};
@@ -33,26 +35,25 @@ impl<'a> Kf<'a> {
         Self { context, fixed: None }
     }
 
-    /// Of the rows: what the predictor sees, and what it predicts.
-    fn histories(&self, rows: &[usize]) -> Result<(Vec<f32>, Vec<f32>), TrainError> {
-        let data = self.context.data;
-        let history = data.action_history(rows, self.context.config.kf.past_actions)?;
-        Ok((history, data.batch(rows).actions))
+    /// What the predictor sees of the rows.
+    fn history(&self, rows: &[usize]) -> Result<Tensor<2>, TrainError> {
+        let Context { config, data, constants, .. } = &self.context;
+        let count = config.kf.past_actions;
+        Ok(tensor(data.action_history(rows, count)?, count * data.action_size(), constants))
     }
 
-    /// An update of the predictor; returns the errors before it.
+    /// An update of the predictor of the rows' `actions`; returns the errors before it.
     fn update_predictor(
         &self,
         network: &mut Network,
         rows: &[usize],
+        actions: Tensor<2>,
         step: u64,
     ) -> Result<Vec<f32>, TrainError> {
-        let Context { config, data, device, constants, .. } = &self.context;
+        let Context { config, data, device, .. } = &self.context;
         let size = data.action_size();
-        let (history, actions) = self.histories(rows)?;
-        let history = tensor(history, config.kf.past_actions * size, constants);
         let predictor = network.tensors(device)?;
-        let difference = predictor.leaky_forward(history) - tensor(actions, size, constants);
+        let difference = predictor.leaky_forward(self.history(rows)?) - actions;
         let errors = values(difference.clone().inner())?;
         let loss = (difference.clone() * difference).mean();
         let gradient = predictor.gradient(&mut loss.backward())?;
@@ -69,9 +70,8 @@ impl<'a> Kf<'a> {
         let rows: Vec<usize> = (0..data.len()).collect();
         let mut errors = Vec::with_capacity(rows.len());
         for rows in rows.chunks(PIECE) {
-            let (history, actions) = self.histories(rows)?;
-            let history = tensor(history, config.kf.past_actions * size, constants);
-            let predicted = values(predictor.leaky_forward(history))?;
+            let predicted = values(predictor.leaky_forward(self.history(rows)?))?;
+            let actions = data.batch(rows).actions;
             let differences: Vec<f32> =
                 predicted.iter().zip(&actions).map(|(p, a)| p - a).collect();
             errors.extend(mean_squares(&differences, size));
@@ -140,23 +140,26 @@ impl Method for Kf<'_> {
     }
 
     fn step(&mut self, state: &mut State) -> Result<Option<StepReport>, TrainError> {
-        let config = self.context.config;
+        let Context { config, device, constants, data, .. } = &self.context;
         let step = state.step + 1;
         let rows = self.context.rows(Purpose::Batch, state.step);
+        let batch = data.batch(&rows).tensors(constants);
         let [policy_network, predictor] = &mut state.networks[..] else {
             return Ok(None);
         };
         let (errors, fixed_threshold) = match config.kf.schedule {
             KfSchedule::Joint => {
-                let errors = self.update_predictor(predictor, &rows, step)?;
+                let actions = &batch.actions;
+                let errors = self.update_predictor(predictor, &rows, actions.clone(), step)?;
                 for _ in 1..config.kf.inner_updates {
-                    self.update_predictor(predictor, &rows, step)?;
+                    self.update_predictor(predictor, &rows, actions.clone(), step)?;
                 }
                 (errors, None)
             }
             KfSchedule::TwoStage if predictor.adam.step < config.kf.predictor_steps => {
                 let rows = self.context.rows(Purpose::Predictor, predictor.adam.step);
-                self.update_predictor(predictor, &rows, step)?;
+                let actions = tensor(data.batch(&rows).actions, data.action_size(), constants);
+                self.update_predictor(predictor, &rows, actions, step)?;
                 return Ok(None);
             }
             KfSchedule::TwoStage => {
@@ -167,8 +170,6 @@ impl Method for Kf<'_> {
                 (rows.iter().map(|&row| errors[row]).collect(), Some(*threshold))
             }
         };
-        let Context { device, constants, .. } = &self.context;
-        let batch = self.context.data.batch(&rows).tensors(constants);
         let shape = self.architecture().policy_shape();
         let policy = PolicyNet::new(shape, &policy_network.parameters, device)?;
         let output = policy.forward(batch.observations.clone());

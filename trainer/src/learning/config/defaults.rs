@@ -29,6 +29,8 @@ fn text(algorithm: Algorithm) -> &'static str {
         Algorithm::Palr => include_str!("../../../configs/palr.toml"),
         Algorithm::PalrAct => include_str!("../../../configs/palr_act.toml"),
         Algorithm::Vib => include_str!("../../../configs/vib.toml"),
+        Algorithm::Dt => include_str!("../../../configs/dt.toml"),
+        Algorithm::DtPalr => include_str!("../../../configs/dt_palr.toml"),
     }
 }
 

@@ -379,3 +379,30 @@ fn updates(name: &str, got: u32) -> Result<(), TrainError> {
     // The number of an update is part of a generator's stream.
     check((1..=1000).contains(&got), name, got, "1 to 1000")
 }
+
+/// `[dt]`: the decision transformer's AdamW.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct DtConfig {
+    /// Steps over which the step size grows to `learning_rate`.
+    pub warmup_steps: u64,
+    /// Of every parameter, times the step size.
+    pub weight_decay: f64,
+    /// A longer gradient is shortened to this.
+    pub clip_norm: f64,
+}
+
+impl Default for DtConfig {
+    /// The public code's.
+    fn default() -> Self {
+        Self { warmup_steps: 10_000, weight_decay: 1e-4, clip_norm: 0.25 }
+    }
+}
+
+impl DtConfig {
+    pub(super) fn validate(&self) -> Result<(), TrainError> {
+        check(self.warmup_steps >= 1, "dt.warmup_steps", self.warmup_steps, "at least 1")?;
+        not_negative("dt.weight_decay", self.weight_decay)?;
+        positive("dt.clip_norm", self.clip_norm)
+    }
+}

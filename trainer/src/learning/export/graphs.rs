@@ -9,7 +9,7 @@ use crate::learning::network::{LayerParameters, split};
 use crate::learning::policy_net::{Join, LOG_STD_RANGE, REPRESENTATION_SIZE};
 
 /// Name of the standardised observations in every graph.
-const OBSERVATIONS: &str = "standardized";
+pub(super) const OBSERVATIONS: &str = "standardized";
 
 /// The bytes of the policy's model.
 pub(super) fn model(policy: &TrainedPolicy) -> Result<Vec<u8>, TrainError> {
@@ -47,6 +47,7 @@ pub(super) fn model(policy: &TrainedPolicy) -> Result<Vec<u8>, TrainError> {
         (Kind::Sampled(samples), [(_, own), (_, noise)]) => {
             graph.sampled(own, noise, samples)?;
         }
+        (Kind::Transformer, [(_, own)]) => graph.transformer(own)?,
         (Kind::Plain, [(_, own)]) => graph.policy("", own, OBSERVATIONS, None)?,
         _ => return Err(wrong_parts()),
     }
@@ -91,7 +92,7 @@ fn two<'a>(layers: &'a [LayerParameters<'a>]) -> Result<[&'a LayerParameters<'a>
 
 impl Graph {
     /// A layer's constants.
-    fn parameters(&mut self, prefix: &str, layer: &LayerParameters<'_>) {
+    pub(super) fn parameters(&mut self, prefix: &str, layer: &LayerParameters<'_>) {
         let name = format!("{prefix}{}", layer.shape.name);
         let dims = [layer.shape.inputs as i64, layer.shape.outputs as i64];
         self.constant(&format!("{name}.weight"), &dims, layer.weight);
@@ -101,7 +102,12 @@ impl Graph {
     }
 
     /// A layer with its constants; returns the output's name.
-    fn linear(&mut self, prefix: &str, layer: &LayerParameters<'_>, input: &str) -> String {
+    pub(super) fn linear(
+        &mut self,
+        prefix: &str,
+        layer: &LayerParameters<'_>,
+        input: &str,
+    ) -> String {
         self.parameters(prefix, layer);
         let output = format!("{prefix}{}_linear", layer.shape.name);
         self.apply(prefix, layer, input, &output);
@@ -109,7 +115,13 @@ impl Graph {
     }
 
     /// A layer whose constants are there.
-    fn apply(&mut self, prefix: &str, layer: &LayerParameters<'_>, input: &str, output: &str) {
+    pub(super) fn apply(
+        &mut self,
+        prefix: &str,
+        layer: &LayerParameters<'_>,
+        input: &str,
+        output: &str,
+    ) {
         let name = format!("{prefix}{}", layer.shape.name);
         let weight = format!("{name}.weight");
         if layer.bias.is_none() {
@@ -129,12 +141,17 @@ impl Graph {
 
     /// `count` columns from `start` on; returns the output's name.
     fn columns(&mut self, input: &str, start: usize, count: usize) -> String {
+        self.slice(input, 1, start, count)
+    }
+
+    /// `count` entries of an axis from `start` on; returns the output's name.
+    pub(super) fn slice(&mut self, input: &str, axis: i64, start: usize, count: usize) -> String {
         let output = format!("{input}_{start}_{count}");
         let [starts, ends, axes] =
             ["starts", "ends", "axes"].map(|name| format!("{output}_{name}"));
         self.indices(&starts, &[start as i64]);
         self.indices(&ends, &[(start + count) as i64]);
-        self.indices(&axes, &[1]);
+        self.indices(&axes, &[axis]);
         self.node("Slice", &[input, &starts, &ends, &axes], &output);
         output
     }
@@ -181,7 +198,7 @@ impl Graph {
         output
     }
 
-    fn clip(&mut self, input: &str, output: &str) {
+    pub(super) fn clip(&mut self, input: &str, output: &str) {
         let [low, high] = ["low", "high"].map(|end| format!("{output}_{end}"));
         self.constant(&low, &[], &[LOG_STD_RANGE[0] as f32]);
         self.constant(&high, &[], &[LOG_STD_RANGE[1] as f32]);

@@ -8,6 +8,8 @@ use crate::learning::network::NEGATIVE_SLOPE;
 const ATTRIBUTE_FLOAT: i32 = 1;
 /// `AttributeProto.AttributeType.INT`.
 const ATTRIBUTE_INT: i32 = 2;
+/// `AttributeProto.AttributeType.INTS`.
+const ATTRIBUTE_INTS: i32 = 7;
 /// `TensorProto.DataType.INT64`.
 const DATA_INT64: i32 = 7;
 /// `TensorProto.DataType.FLOAT`.
@@ -77,6 +79,8 @@ struct Attribute {
     float: f32,
     #[prost(int64, tag = "3")]
     int: i64,
+    #[prost(int64, repeated, packed = "false", tag = "8")]
+    ints: Vec<i64>,
     #[prost(int32, tag = "20")]
     kind: i32,
 }
@@ -188,17 +192,42 @@ impl Graph {
     /// LeakyReLU.
     pub(super) fn activation(&mut self, input: &str, output: &str) {
         let slope = NEGATIVE_SLOPE as f32;
-        let alpha = Attribute { name: "alpha".into(), float: slope, int: 0, kind: ATTRIBUTE_FLOAT };
         let node = node("LeakyRelu", &[input], output);
-        self.nodes.push(Node { attributes: vec![alpha], ..node });
+        self.nodes.push(Node { attributes: vec![float("alpha", slope)], ..node });
     }
 
     /// Matrices side by side.
     pub(super) fn concat(&mut self, inputs: &[&str], output: &str) {
-        let axis = Attribute { name: "axis".into(), float: 0.0, int: 1, kind: ATTRIBUTE_INT };
         let node = node("Concat", inputs, output);
-        self.nodes.push(Node { attributes: vec![axis], ..node });
+        self.nodes.push(Node { attributes: vec![int("axis", 1)], ..node });
     }
+
+    /// Layer norm over the last axis, of input, gain and shift.
+    pub(super) fn layer_norm(&mut self, inputs: &[&str], output: &str, epsilon: f32) {
+        let node = node("LayerNormalization", inputs, output);
+        let attributes = vec![int("axis", -1), float("epsilon", epsilon)];
+        self.nodes.push(Node { attributes, ..node });
+    }
+
+    /// The axes in another order.
+    pub(super) fn transpose(&mut self, input: &str, output: &str, order: &[i64]) {
+        let node = node("Transpose", &[input], output);
+        let order = Attribute {
+            name: "perm".into(),
+            ints: order.to_vec(),
+            kind: ATTRIBUTE_INTS,
+            ..Attribute::default()
+        };
+        self.nodes.push(Node { attributes: vec![order], ..node });
+    }
+}
+
+fn float(name: &str, float: f32) -> Attribute {
+    Attribute { name: name.to_owned(), float, kind: ATTRIBUTE_FLOAT, ..Attribute::default() }
+}
+
+fn int(name: &str, int: i64) -> Attribute {
+    Attribute { name: name.to_owned(), int, kind: ATTRIBUTE_INT, ..Attribute::default() }
 }
 
 fn node(op_type: &str, inputs: &[&str], output: &str) -> Node {

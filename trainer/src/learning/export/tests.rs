@@ -18,6 +18,7 @@ fn policies() -> Vec<TrainedPolicy> {
         Kind::Primenet(PrimeJunction::Representation),
         Kind::Primenet(PrimeJunction::Hidden),
         Kind::Sampled(3),
+        Kind::Transformer,
     ]
     .map(|kind| {
         let architecture = Architecture { observation_size, frame_size, action_size, kind };
@@ -90,6 +91,7 @@ fn safetensors_hold_every_parameter_and_the_same_bytes_each_time() {
             Kind::Plain => ("encoder_1.weight", 10),
             Kind::Rap => ("memory.memory_1.weight", 10),
             Kind::Primenet(_) => ("prime.encoder_1.weight", 5),
+            Kind::Transformer => ("state.weight", 5),
             Kind::Sampled(samples) => ("noise.samples.weight", samples),
         };
         assert_eq!(tensors.tensor(name).unwrap().shape()[0], rows);

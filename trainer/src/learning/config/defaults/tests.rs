@@ -16,6 +16,15 @@ const TABLE_8: [(&str, Option<f64>, f64, f64, f64); 9] = [
     ("lane-w3", None, 0.001, 10.0, 1000.0),
 ];
 
+/// Our own setting, which the paper has not.
+const TOY: &str = "toy-w2";
+
+/// The tables say nothing of DT.
+fn tabled() -> impl Iterator<Item = Algorithm> {
+    let is_dt = |algorithm: &Algorithm| [Algorithm::Dt, Algorithm::DtPalr].contains(algorithm);
+    Algorithm::ALL.into_iter().filter(move |algorithm| !is_dt(algorithm))
+}
+
 #[test]
 fn the_tuned_settings_are_those_of_the_papers_table_8() {
     for (setting, kf, fca, mine, palr) in TABLE_8 {
@@ -33,7 +42,7 @@ fn the_tuned_settings_are_those_of_the_papers_table_8() {
             assert_eq!(of(Algorithm::Mine).mine.alpha, mine, "{setting}");
             assert_eq!(of(Algorithm::Palr).palr.alpha, palr, "{setting}");
             let steps = if setting == "lane-w3" { 1_000_000 } else { 500_000 };
-            assert!(Algorithm::ALL.iter().all(|&algorithm| of(algorithm).steps == steps));
+            assert!(tabled().all(|algorithm| of(algorithm).steps == steps));
         }
     }
 }
@@ -41,7 +50,7 @@ fn the_tuned_settings_are_those_of_the_papers_table_8() {
 #[test]
 fn the_common_settings_are_those_of_the_papers_table_7() {
     for (setting, ..) in TABLE_8 {
-        for algorithm in Algorithm::ALL {
+        for algorithm in tabled() {
             let config = defaults(algorithm, setting).unwrap();
             assert_eq!(config.algorithm, algorithm);
             assert_eq!((config.batch, config.learning_rate), (1024, 3e-4));
@@ -74,7 +83,8 @@ fn every_file_names_all_settings_of_its_method_and_only_known_tasks() {
             assert_eq!(got, want, "{name}");
         }
         for (key, settings) in &file.settings {
-            assert!(TABLE_8.iter().any(|(setting, ..)| setting == key), "{name}: {key}");
+            let is_known = key == TOY || TABLE_8.iter().any(|(setting, ..)| setting == key);
+            assert!(is_known, "{name}: {key}");
             assert_ne!(settings, &Value::Object(Map::new()), "{name}: {key}");
         }
     }
