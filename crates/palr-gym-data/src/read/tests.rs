@@ -167,7 +167,7 @@ fn what_is_no_hdf5_file_is_named_for_what_it_is() {
     check_path_refused("not an HDF5 file: it is empty; expected an HDF5 file in D4RL", &path);
     fs::write(&path, "<!DOCTYPE html><html>404</html>").unwrap();
     check_path_refused("it starts with \"<!DOCTYPE html><html>404\"", &path);
-    check_path_refused("cannot read the file: ", folder.path());
+    check_path_refused("cannot read the folder: there is no main_data.hdf5 in it", folder.path());
 }
 
 #[test]
