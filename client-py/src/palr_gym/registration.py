@@ -15,8 +15,8 @@ DEEPEST_REGISTERED_STACK = 5
 def registered_env_ids() -> list[str]:
     """The server's ids of the environments that are registered.
 
-    Full, paper's and strict mask, and each of Gymnasium's tasks as Gymnasium's `-v5` defines it; and
-    `lane`, which shows its state.
+    Full, paper's and strict mask, and each of Gymnasium's tasks as Gymnasium's `-v5` defines it;
+    and `lane`, which shows its state.
     """
     stacks = range(1, DEEPEST_REGISTERED_STACK + 1)
     robots = [
