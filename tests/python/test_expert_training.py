@@ -13,7 +13,7 @@ import pytest
 import safetensors.numpy as _safetensors
 
 from support import sac_reference as reference
-from support.methods_reference import flat
+from support.methods_parts import flat
 from support.server_process import binary
 
 # Its annotations are partial.

@@ -12,6 +12,7 @@ import pytest
 import safetensors.numpy as _safetensors
 from numpy.typing import NDArray
 
+from support import methods_parts as parts
 from support import methods_reference as reference
 from support.server_process import binary
 
@@ -35,8 +36,8 @@ class Demonstrations:
     actions: NDArray[np.float32]
 
     @property
-    def rows(self) -> reference.Rows:
-        return reference.prepare(self.observations[:, :HOPPER_SEEN], self.actions, LENGTHS, STACK)
+    def rows(self) -> parts.Rows:
+        return parts.prepare(self.observations[:, :HOPPER_SEEN], self.actions, LENGTHS, STACK)
 
 
 @pytest.fixture(scope="session")
@@ -135,13 +136,13 @@ def test_the_first_step_is_that_of_the_reference(
     for name, network in expected.networks.items():
         # After one step, the first moment is a tenth of the gradient.
         for moment, layers, power in [("first", network.first, 1), ("second", network.second, 2)]:
-            want = reference.flat(layers)
+            want = parts.flat(layers)
             scale = np.abs(want).max()
             difference = np.abs(state[f"{name}.adam.{moment}_moment"] - want).max()
             assert difference < power * 2e-3 * scale, f"{name}, {moment} moment"
-        want = reference.flat(network.parameters)
+        want = parts.flat(network.parameters)
         # Where a gradient is all but zero, Adam's first step is its sign, which rounding decides.
-        moment = np.abs(reference.flat(network.first))
+        moment = np.abs(parts.flat(network.first))
         clear = moment > 1e-3 * moment.max()
         difference = np.abs(state[f"{name}.parameters"] - want)
         assert difference[clear].max() < 2e-5, name

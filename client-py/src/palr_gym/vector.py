@@ -1,7 +1,7 @@
 """Many remote environments with Gymnasium's vector interface."""
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, Self, SupportsIndex, cast
+from typing import Any, NamedTuple, Self, SupportsIndex
 
 import gymnasium
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from palr_gym import errors
 from palr_gym.address import server_or_default
-from palr_gym.arguments import unsigned
+from palr_gym.arguments import reset_mask, unsigned
 from palr_gym.connection import DEFAULT_DEADLINE_S, Connection
 from palr_gym.env import restore_or_reopen
 from palr_gym.errors import InvalidArgument, ResetNeeded
@@ -204,7 +204,7 @@ class RemoteVectorEnv(VectorEnv[NDArray[np.floating[Any]], NDArray[np.float32], 
             PalrGymError: The kind that fits.
         """
         self._refuse_if_busy("reset")
-        mask = self._reset_mask(options)
+        mask = reset_mask(options, self.num_envs)
         try:
             result = self._reset(seed, mask)
         except BaseException as error:
@@ -473,23 +473,6 @@ class RemoteVectorEnv(VectorEnv[NDArray[np.floating[Any]], NDArray[np.float32], 
             result = self._session.reset_with_info(env_indices=unseeded)
             result.info[:, seeded] = first
         return result
-
-    def _reset_mask(self, options: dict[str, Any] | None) -> NDArray[np.bool_] | None:
-        """The mask in `options`, held to the rules of `SyncVectorEnv`."""
-        if options is None or "reset_mask" not in options:
-            return None
-        value: object = options["reset_mask"]
-        name = "options['reset_mask']"
-        if not isinstance(value, np.ndarray):
-            raise TypeError(f"{name} has type {type(value)}; expected a numpy array")
-        mask = cast("NDArray[Any]", value)
-        if mask.dtype != np.bool_:
-            raise TypeError(f"{name} has dtype {mask.dtype}; expected bool")
-        if mask.shape != (self.num_envs,):
-            raise InvalidArgument(f"{name} has shape {mask.shape}; expected ({self.num_envs},)")
-        if not mask.any():
-            raise InvalidArgument(f"{name} is false everywhere; expected at least one true entry")
-        return mask
 
     def _note_failure(self, error: BaseException) -> None:
         """Unless the server refused a call, nobody knows where the episodes are now."""

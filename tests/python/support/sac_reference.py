@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from support.methods_reference import (
+from support.methods_parts import (
     Array,
     Normals,
     Numbers,
