@@ -12,9 +12,8 @@ demo: setup
 	cargo build --release -p palr-gym
 	target/release/palr-gym demo $(ARGS)
 
-## Everything that must hold.
+## Everything that must hold. (nextest builds the program, which pytest then starts.)
 test: setup-test lint
-	cargo build -p palr-gym
 	cargo nextest run --workspace
 	cargo test --doc --workspace
 	$(PYTHON) -m pytest
