@@ -397,17 +397,20 @@ impl Physics {
         done
     }
 
-    /// What is wrong with the state, if anything is.
+    /// What is wrong with the state, if anything is. What it has spoilt on the bench is cleared before
+    /// the next state comes.
     ///
-    /// MuJoCo counts its warnings since the last [`clear`](Self::clear); after some of them it has put the initial
-    /// state in place of the one that went wrong.
+    /// MuJoCo counts its warnings since the last [`clear`](Self::clear); after some of them it has
+    /// put the initial state in place of the one that went wrong.
     pub(crate) fn divergence(&mut self) -> Option<Divergence> {
         let warned = self.data.warning().iter().position(|warning| warning.number > 0);
-        if let Some(index) = warned {
-            self.condition = Condition::Spoiled;
-            return Some(Divergence::of_warning(index));
-        }
-        let is_finite = self.qpos().iter().chain(self.qvel()).all(|entry| entry.is_finite());
-        (!is_finite).then_some(Divergence::NotFinite)
+        let is_finite = || self.qpos().iter().chain(self.qvel()).all(|entry| entry.is_finite());
+        let divergence = match warned {
+            Some(index) => Divergence::of_warning(index),
+            None if is_finite() => return None,
+            None => Divergence::NotFinite,
+        };
+        self.condition = Condition::Spoiled;
+        Some(divergence)
     }
 }

@@ -105,6 +105,15 @@ impl Task for Boxes {
 }
 
 fn vector(task: &'static Boxes, num_envs: usize, mode: AutoresetMode) -> VectorEnv {
+    on_threads(2, task, num_envs, mode)
+}
+
+fn on_threads(
+    threads: usize,
+    task: &'static Boxes,
+    num_envs: usize,
+    mode: AutoresetMode,
+) -> VectorEnv {
     let env_id = EnvId {
         task: task.spec.name.into(),
         mask: Mask::Full,
@@ -112,7 +121,7 @@ fn vector(task: &'static Boxes, num_envs: usize, mode: AutoresetMode) -> VectorE
         frame_stack: 2,
     };
     let spec = EnvSpec::new(env_id, &task.spec);
-    let threads = SimulationThreads::start(2).unwrap();
+    let threads = SimulationThreads::start(threads).unwrap();
     let options = VectorOptions { autoreset_mode: mode, out_of_bounds: OutOfBounds::Raw };
     VectorEnv::new(task, spec, num_envs, options, threads).unwrap()
 }
@@ -187,4 +196,29 @@ fn a_state_that_no_engine_bears_ends_the_episode() {
     vector.reset(&[0], &[0]).unwrap();
     vector.step_open_loop(&[0.0; 10], 5, &mut frame).unwrap();
     assert_eq!((frame.steps, frame.diverged.len()), (5, 0));
+}
+
+#[test]
+fn what_went_wrong_on_a_workbench_is_not_felt_by_the_next_environment() {
+    let bits = |values: &[f64]| values.iter().map(|value| value.to_bits()).collect::<Vec<_>>();
+    let mut alone = vector(&ROOMY, 1, AutoresetMode::NextStep);
+    // One thread, so that both are worked on at the same bench.
+    let mut beside = on_threads(1, &ROOMY, 2, AutoresetMode::NextStep);
+    alone.reset(&[7], &[]).unwrap();
+    let (mut expected, mut frame) = (StepFrame::default(), StepFrame::default());
+    // The first one, again and again, begins with a speed no engine can bear.
+    beside.reset(&[SEED_OF_SPEED, 7], &[]).unwrap();
+    let mut went_wrong = 0;
+    for _ in 0..40 {
+        alone.step(&[0.5], &mut expected).unwrap();
+        beside.step(&[0.5, 0.5], &mut frame).unwrap();
+        went_wrong += frame.diverged.len();
+        assert!(frame.diverged.iter().all(|diverged| diverged.env_index == 0));
+        let size = expected.observations.len();
+        assert_eq!(bits(&frame.observations[size..]), bits(&expected.observations));
+        if frame.truncated[0] {
+            beside.reset(&[SEED_OF_SPEED, 7], &[0]).unwrap();
+        }
+    }
+    assert!(went_wrong > 20, "only {went_wrong} went wrong");
 }
