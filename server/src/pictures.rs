@@ -58,36 +58,82 @@ impl PictureOrder {
         count.saturating_mul(side(self.width_px)).saturating_mul(3 * side(self.height_px))
     }
 
-    /// Draws them all, on this thread.
+    /// Prepares to draw them.
+    ///
+    /// # Errors
+    /// [`ServerError::Sim`] with the index that `env` has not.
+    pub fn begin(&self, env: &VectorEnv) -> Result<Drawing, ServerError> {
+        env.check_indices(&self.env_indices)?;
+        let indices = match self.env_indices.as_slice() {
+            [] => (0..env.len()).collect(),
+            chosen => chosen.to_vec(),
+        };
+        Ok(Drawing { indices, drawn: 0, packed: Packed::of(self.format) })
+    }
+}
+
+/// Pictures that are being drawn.
+#[derive(Debug)]
+pub struct Drawing {
+    indices: Vec<usize>,
+    drawn: usize,
+    packed: Packed,
+}
+
+#[derive(Debug)]
+enum Packed {
+    Png(Vec<Vec<u8>>),
+    RawRgb(Vec<u8>),
+}
+
+impl Packed {
+    fn of(format: ImageFormat) -> Self {
+        match format {
+            ImageFormat::Png => Self::Png(Vec::new()),
+            ImageFormat::RawRgb => Self::RawRgb(Vec::new()),
+        }
+    }
+}
+
+impl Drawing {
+    /// Draws on, on this thread, until about `pixels` more are there, at least a picture. Tells whether
+    /// all are.
     ///
     /// # Errors
     /// [`ServerError::Sim`] with what is wrong with the order, or why nothing can be drawn.
-    pub fn draw(&self, env: &VectorEnv) -> Result<Pictures, ServerError> {
-        let all: Vec<usize>;
-        let indices = if self.env_indices.is_empty() {
-            all = (0..env.len()).collect();
-            &all
-        } else {
-            env.check_indices(&self.env_indices)?;
-            &self.env_indices
-        };
-        let camera = (!self.camera.is_empty()).then_some(self.camera.as_str());
-        let (width_px, height_px) = (self.width_px, self.height_px);
+    pub fn go_on(
+        &mut self,
+        order: &PictureOrder,
+        env: &VectorEnv,
+        pixels: usize,
+    ) -> Result<bool, ServerError> {
+        let camera = (!order.camera.is_empty()).then_some(order.camera.as_str());
+        let (width_px, height_px) = (order.width_px, order.height_px);
         let view = View { camera, width_px, height_px };
-        let (mut picture, mut files, mut rgb) = (Vec::new(), Vec::new(), Vec::new());
-        for &index in indices {
-            env.draw(index, self.gl, view, &mut picture)?;
-            match self.format {
-                ImageFormat::Png => files.push(png(width_px, height_px, &picture)?),
-                ImageFormat::RawRgb => rgb.extend_from_slice(&picture),
+        let mut picture = Vec::new();
+        let mut so_far = 0;
+        while so_far < pixels
+            && let Some(&index) = self.indices.get(self.drawn)
+        {
+            env.draw(index, order.gl, view, &mut picture)?;
+            match &mut self.packed {
+                Packed::Png(files) => files.push(png(width_px, height_px, &picture)?),
+                Packed::RawRgb(rgb) => rgb.extend_from_slice(&picture),
             }
+            self.drawn += 1;
+            so_far += picture.len() / 3;
         }
-        Ok(match self.format {
-            ImageFormat::Png => Pictures::Png(files),
-            ImageFormat::RawRgb => {
-                Pictures::RawRgb { count: indices.len(), height_px, width_px, rgb }
-            }
-        })
+        Ok(self.drawn == self.indices.len())
+    }
+
+    /// What was drawn.
+    #[must_use]
+    pub fn pictures(self, order: &PictureOrder) -> Pictures {
+        let (width_px, height_px) = (order.width_px, order.height_px);
+        match self.packed {
+            Packed::Png(files) => Pictures::Png(files),
+            Packed::RawRgb(rgb) => Pictures::RawRgb { count: self.drawn, height_px, width_px, rgb },
+        }
     }
 }
 

@@ -21,11 +21,13 @@ use tokio::sync::oneshot;
 use uuid::Uuid;
 
 use crate::error::ServerError;
-use crate::pictures::{PictureOrder, Pictures};
+use crate::pictures::{Drawing, PictureOrder, Pictures};
 
 /// An open loop gives other sessions their turn after this many steps of environments: a fraction of
 /// a second.
 const OPEN_LOOP_SLICE: usize = 4096;
+/// And drawing after this many pixels, or one picture.
+const DRAWING_SLICE_PX: usize = 1 << 18;
 
 /// Names a session.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -165,6 +167,8 @@ struct Bench {
     room: BytesMut,
     /// Under way, if the first job in the queue is one.
     open_loop: Option<OpenLoop>,
+    /// Likewise.
+    drawing: Option<Drawing>,
 }
 
 /// N environments behind a queue.
@@ -206,6 +210,7 @@ impl<E: Encode> Session<E> {
                 standing: Standing::default(),
                 room: BytesMut::new(),
                 open_loop: None,
+                drawing: None,
             }),
             opened: Instant::now(),
             last_used_ms: AtomicU64::new(0),
@@ -315,7 +320,7 @@ impl<E: Encode> Session<E> {
     /// Does a command, or a part of it: then there is no answer yet, and the rest is still to do.
     fn execute(&self, command: &Command) -> Result<Option<E::Answer>, ServerError> {
         let mut bench = lock(&self.bench);
-        let Bench { env, frame, standing, room, open_loop } = &mut *bench;
+        let Bench { env, frame, standing, room, open_loop, drawing } = &mut *bench;
         let answer = match command {
             Command::Reset { seeds, env_indices } => {
                 env.reset(seeds, env_indices)?;
@@ -346,7 +351,17 @@ impl<E: Encode> Session<E> {
                 standing.look(env);
                 self.encode.restored(&self.spec, self.options, standing)
             }
-            Command::Draw { order } => self.encode.pictures(order.draw(env)?),
+            Command::Draw { order } => {
+                let mut under_way = match drawing.take() {
+                    Some(under_way) => under_way,
+                    None => order.begin(env)?,
+                };
+                if !under_way.go_on(order, env, DRAWING_SLICE_PX)? {
+                    *drawing = Some(under_way);
+                    return Ok(None);
+                }
+                self.encode.pictures(under_way.pictures(order))
+            }
             Command::Snapshot => self.encode.snapshot(env.snapshot(self.encode.tag())),
             Command::Restore { snapshot } => {
                 let snapshot = Snapshot::parse(snapshot).map_err(SimError::from)?;
