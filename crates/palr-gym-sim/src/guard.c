@@ -24,6 +24,8 @@ enum { LEVEL_ERROR = 3 };
 
 typedef void (*mjfLogHandler)(const mjLogMessage*);
 extern mjfLogHandler mju_setLogHandler(mjfLogHandler handler);
+extern mjData* mj_makeData(const mjModel* m);
+extern void mj_deleteData(mjData* d);
 extern void mj_step(const mjModel* m, mjData* d);
 extern void mj_forward(const mjModel* m, mjData* d);
 extern void mj_rnePostConstraint(const mjModel* m, mjData* d);
@@ -77,6 +79,15 @@ static void on_message(const mjLogMessage* message) {
 void palr_gym_guard_install(void) { mju_setLogHandler(on_message); }
 
 const char* palr_gym_guard_last_error(void) { return last_error; }
+
+int palr_gym_guard_try_data(const mjModel* m) {
+  jmp_buf here;
+  if (_setjmp(here) != 0) return 1;
+  way_back = &here;
+  mj_deleteData(mj_makeData(m));
+  way_back = NULL;
+  return 0;
+}
 
 int palr_gym_guard_step(const mjModel* m, mjData* d, int steps) {
   jmp_buf here;

@@ -23,6 +23,7 @@ pub struct EngineError {
 unsafe extern "C" {
     fn palr_gym_guard_install();
     fn palr_gym_guard_last_error() -> *const c_char;
+    fn palr_gym_guard_try_data(model: *const mjModel) -> c_int;
     fn palr_gym_guard_step(model: *const mjModel, data: *mut mjData, steps: c_int) -> c_int;
     fn palr_gym_guard_forward(model: *const mjModel, data: *mut mjData) -> c_int;
     fn palr_gym_guard_contact_forces(model: *const mjModel, data: *mut mjData) -> c_int;
@@ -55,6 +56,14 @@ pub(crate) fn install() {
         // of MuJoCo, and `call_once` keeps others out.
         unsafe { palr_gym_guard_install() };
     });
+}
+
+/// `mj_makeData`, which takes no refusal of memory for an answer: whether there is enough is tried in
+/// a guard first, because `MjData` itself can only be made outside of one.
+pub(crate) fn make_data(model: &Arc<MjModel>) -> Result<MjData<Arc<MjModel>>, EngineError> {
+    // SAFETY: the pointer comes from a live reference.
+    check(unsafe { palr_gym_guard_try_data(model.ffi()) })?;
+    MjData::try_new(Arc::clone(model)).map_err(|error| EngineError { message: error.to_string() })
 }
 
 /// `mj_step`, `steps` times.
@@ -169,5 +178,20 @@ unsafe extern "C" fn palr_gym_log(
         1 => tracing::info!(target: "mujoco", func, body, "{subject}"),
         2 => tracing::warn!(target: "mujoco", func, body, "{subject}"),
         _ => tracing::error!(target: "mujoco", func, body, "{subject}"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_memory_is_an_error() {
+        install();
+        let mut model = MjModel::from_xml_string("<mujoco/>").unwrap();
+        // SAFETY: only the size of what is still to be allocated changes: more than there is.
+        unsafe { model.ffi_mut() }.narena = 1 << 50;
+        let error = make_data(&Arc::new(model)).map(|_| ()).unwrap_err();
+        assert!(error.message.contains("allocate"), "{error}");
     }
 }

@@ -189,8 +189,8 @@ impl Physics {
     /// [`SimError::Scene`], or [`SimError::Memory`] if MuJoCo cannot allocate.
     pub(crate) fn new(scene: &Scene) -> Result<Self, SimError> {
         let model = scene.model()?;
-        let data = MjData::try_new(Arc::clone(&model))
-            .map_err(|error| SimError::Memory { task: scene.task, message: error.to_string() })?;
+        let data = guard::make_data(&model)
+            .map_err(|error| SimError::Memory { task: scene.task, message: error.message })?;
         let watched = scene
             .watched_geom
             .and_then(|name| model.name_to_id(MjtObjBase::mjOBJ_GEOM, name))
@@ -324,8 +324,7 @@ impl Physics {
     /// The model's initial state, without anything that follows from it.
     fn clear(&mut self) -> Result<(), EngineError> {
         if self.condition == Condition::Broken {
-            self.data = MjData::try_new(Arc::clone(&self.model))
-                .map_err(|error| EngineError { message: error.to_string() })?;
+            self.data = guard::make_data(&self.model)?;
         } else {
             self.data.reset();
         }

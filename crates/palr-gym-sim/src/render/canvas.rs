@@ -108,8 +108,8 @@ fn camera_names(model: &MjModel) -> Vec<String> {
 impl Canvas {
     /// `gl` is the thread's current context.
     fn new(model: &Arc<MjModel>, gl: Context) -> Result<Self, RenderError> {
-        let data = MjData::try_new(Arc::clone(model))
-            .map_err(|error| RenderError::Engine { message: error.to_string() })?;
+        let data = guard::make_data(model)
+            .map_err(|error| RenderError::Engine { message: error.message })?;
         let most = usize::try_from(model.ffi().ngeom).unwrap_or(0) + EXTRA_GEOMS;
         let mut scene = Box::new(MaybeUninit::<mjvScene>::uninit());
         let mut context = Box::new(MaybeUninit::<mjrContext>::uninit());
