@@ -97,6 +97,56 @@ def test_a_final_observation_comes_with_same_step(server: str) -> None:
     assert not np.array_equal(result.final_observations, result.observations)
 
 
+def test_snapshots_forks_and_open_loops_are_those_of_the_other_client(server: str) -> None:
+    actions = random_actions(3, 24, 2, 3)
+
+    async def run() -> list[Any]:
+        async with aio.Client(server) as client:
+            session = await client.open_session("hopper-w2", num_envs=2)
+            await session.reset(seeds=[5])
+            first = await session.step_open_loop(actions[:8])
+            snapshot = await session.snapshot()
+            fork, standing = await session.fork()
+            second = await session.step_open_loop(actions[8:])
+            reopened, _ = await client.open_snapshot(snapshot)
+            await session.restore(snapshot)
+            others = [await one.step_open_loop(actions[8:]) for one in (session, fork, reopened)]
+            return [first, standing, second, *others]
+
+    first, standing, second, *others = asyncio.run(run())
+    with palr_gym.Client(server).open_session("hopper-w2", num_envs=2) as session:
+        session.reset(seeds=[5])
+        assert_same_bits(first.observations, session.step_open_loop(actions[:8]).observations)
+        assert_same_bits(standing.observations, first.observations[-1])
+        expected = session.step_open_loop(actions[8:])
+    for result in (second, *others):
+        for got, want in zip(result[:5], expected[:5], strict=True):
+            assert_same_bits(got, want)
+
+
+def test_pictures_are_those_of_an_environment(server: str) -> None:
+    async def run() -> Any:
+        async with aio.Client(server) as client:
+            session = await client.open_session(
+                "lane", num_envs=2, scene_options={"lead_car_probability": 1.0}
+            )
+            await session.reset(seeds=[0])
+            return await session.render(size=(64, 48))
+
+    frames = asyncio.run(run())
+    assert frames.shape == (2, 48, 64, 3)
+    env = palr_gym.RemoteEnv(
+        "lane",
+        server=server,
+        render_mode="rgb_array",
+        render_size=(64, 48),
+        scene_options={"lead_car_probability": 1.0},
+    )
+    env.reset(seed=1)
+    np.testing.assert_array_equal(frames[1], env.render())
+    env.close()
+
+
 Call = Callable[[aio.Client], Coroutine[Any, Any, Any]]
 
 

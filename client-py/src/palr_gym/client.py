@@ -24,7 +24,7 @@ from palr_gym.evaluation import (
 )
 from palr_gym.policies import PolicySource
 from palr_gym.results import RestoredState
-from palr_gym.session import ObservationDtype, OutOfBounds, Session
+from palr_gym.session import ObservationDtype, OutOfBounds, SceneOptions, Session
 
 __all__ = ["DEFAULT_SERVER", "SERVER_VARIABLE", "Client"]
 
@@ -99,6 +99,7 @@ class Client:
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         out_of_bounds: OutOfBounds = "reject",
         observation_dtype: ObservationDtype = "float64",
+        scene_options: SceneOptions | None = None,
     ) -> Session:
         """Opens environments to step; `RemoteEnv` and `RemoteVectorEnv` give them Gymnasium's face.
 
@@ -108,6 +109,7 @@ class Client:
             autoreset_mode: What happens to an environment whose episode has ended.
             out_of_bounds: What happens to an action outside the action space.
             observation_dtype: Element type of observations on the wire and in arrays.
+            scene_options: For driving tasks.
         """
         return Session(
             self._connection,
@@ -116,6 +118,7 @@ class Client:
             autoreset_mode=autoreset_mode,
             out_of_bounds=out_of_bounds,
             observation_dtype=observation_dtype,
+            scene_options=scene_options,
         )
 
     def open_snapshot(self, snapshot: bytes) -> tuple[Session, RestoredState]:

@@ -69,15 +69,33 @@ def render(
     Raises:
         PalrGymError: The kind that fits; `FailedPrecondition` if the server cannot draw.
     """
-    request = render_service_pb2.RenderRequest(
+    request = render_request(session_id, picture, env_indices)
+    return pictures(
+        connection.unary(RENDER, request, asked=f"drawing session {session_id}"), picture
+    )
+
+
+def render_request(
+    session_id: str, picture: Picture, env_indices: Sequence[int]
+) -> render_service_pb2.RenderRequest:
+    """The message that asks for pictures."""
+    return render_service_pb2.RenderRequest(
         session_id=session_id,
-        env_indices=env_indices,
+        env_indices=[unsigned("environment index", index, 32) for index in env_indices],
         camera=picture.camera,
         width_px=picture.width_px,
         height_px=picture.height_px,
         format=render_service_pb2.IMAGE_FORMAT_RAW_RGB,
     )
-    response = connection.unary(RENDER, request, asked=f"drawing session {session_id}")
-    shape = (-1, picture.height_px, picture.width_px, 3)
-    frames: NDArray[Any] = to_array(response.rgb, UINT8, shape)
+
+
+def pictures(response: render_service_pb2.RenderResponse, picture: Picture) -> NDArray[np.uint8]:
+    """[environments, height, width, 3] of an answer.
+
+    Raises:
+        ServerError: Not what was promised.
+    """
+    frames: NDArray[Any] = to_array(
+        response.rgb, UINT8, (-1, picture.height_px, picture.width_px, 3)
+    )
     return frames

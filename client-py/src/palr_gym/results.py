@@ -12,6 +12,9 @@ from palr_gym._proto.palr_gym.v1.environment_service_pb2 import (
     DivergedEpisode as DivergedEpisodeMessage,
 )
 from palr_gym._proto.palr_gym.v1.environment_service_pb2 import StepResponse
+from palr_gym._proto.palr_gym.v1.snapshot_service_pb2 import (
+    RestoredState as RestoredStateMessage,
+)
 from palr_gym.specs import EnvironmentSpec
 from palr_gym.tensors import BOOL, FLOAT64, columns, elements, to_array
 
@@ -121,6 +124,20 @@ def step_result(message: StepResponse, shapes: Shapes, steps: int | None = None)
         final_observations,
         reset_info,
         tuple(map(_diverged, message.diverged)) if message.diverged else (),
+    )
+
+
+def restored_state(message: RestoredStateMessage, shapes: Shapes) -> RestoredState:
+    """Where environments stand after a restore.
+
+    Raises:
+        ServerError: Not what was promised.
+    """
+    shape = shapes.observations
+    return RestoredState(
+        to_array(message.observations, shapes.observation_dtype, shape),
+        to_array(message.is_over, BOOL, shape[:1]),
+        message.was_reset,
     )
 
 

@@ -41,9 +41,16 @@ from palr_gym.connection import (
 )
 from palr_gym.errors import FailedPrecondition, InvalidArgument, PalrGymError, ServerError
 from palr_gym.exchange import Exchange
-from palr_gym.results import ResetResult, RestoredState, Shapes, StepResult, step_result
+from palr_gym.results import (
+    ResetResult,
+    RestoredState,
+    Shapes,
+    StepResult,
+    restored_state,
+    step_result,
+)
 from palr_gym.specs import EnvironmentSpec, environment_spec
-from palr_gym.tensors import BOOL, FLOAT32, FLOAT64, columns, float32_tensor, to_array
+from palr_gym.tensors import FLOAT32, FLOAT64, columns, float32_tensor, to_array
 
 OutOfBounds = Literal["reject", "clip", "raw"]
 """What happens to an action outside the action space: the step is refused, the action is clipped
@@ -81,7 +88,7 @@ _AUTORESET_MODES = {
     AutoresetMode.DISABLED: environment_pb2.AUTORESET_MODE_DISABLED,
 }
 # Requests of this size may be beyond what a server reads.
-_MAX_STREAMED_BYTES = 1 << 20
+MAX_STREAMED_BYTES = 1 << 20
 # A server that is gone must not keep a program from ending.
 _CLOSE_TIMEOUT_S = 2.0
 
@@ -160,7 +167,7 @@ class Session:
     ) -> RestoredState:
         modes = {number: mode for mode, number in _AUTORESET_MODES.items()}
         self._attach(connection, response, modes[state.autoreset_mode])
-        return self._restored(state)
+        return restored_state(state, self._shapes)
 
     def _attach(
         self, connection: Connection, response: OpenSessionResponse, autoreset_mode: AutoresetMode
@@ -212,13 +219,7 @@ class Session:
     ) -> ResetResult:
         """Like `reset`, and says what the resets report."""
         self._refuse_if_under_way("resetting")
-        request = StepStreamRequest(
-            reset=ResetRequest(
-                session_id=self.session_id,
-                seeds=[unsigned("seed", seed, 64) for seed in seeds],
-                env_indices=[unsigned("environment index", index, 32) for index in env_indices],
-            )
-        )
+        request = reset_request(self.session_id, seeds, env_indices)
         self._exchange.send(request.SerializeToString(), "resetting")
         answer = self._exchange.receive("resetting").reset
         shape = (self.num_envs, len(self.spec.reset_info_names))
@@ -256,7 +257,7 @@ class Session:
             PalrGymError: As by `step`; if the server refused, no step was taken.
         """
         self._refuse_if_under_way("stepping")
-        array = self._float32(actions)
+        array = float32_actions(actions, self._shapes, self._subject)
         if array.ndim != 3 or array.shape[1:] != self._actions_shape:
             raise InvalidArgument(
                 f"stepping {self._subject} in an open loop: the actions have shape "
@@ -264,7 +265,7 @@ class Session:
                 reason="ACTION_SHAPE",
             )
         request = StepRequest(session_id=self.session_id, actions=float32_tensor(array))
-        if array.nbytes >= _MAX_STREAMED_BYTES:
+        if array.nbytes >= MAX_STREAMED_BYTES:
             # A stream would end over a request that is too large; a call is only refused.
             answer = self._connection.unary(STEP, request, asked=f"stepping {self._subject}")
             return self._step_result(answer, answer.rewards.shape[0])
@@ -298,7 +299,7 @@ class Session:
             RestoreSnapshotRequest(session_id=self.session_id, snapshot=snapshot),
             asked=f"restoring {self._subject}",
         )
-        return self._restored(response.state)
+        return restored_state(response.state, self._shapes)
 
     def fork(self, connection: Connection | None = None) -> "tuple[Session, RestoredState]":
         """A new session that goes on from where this one stands; both then go their own ways.
@@ -367,25 +368,8 @@ class Session:
         if self._exchange.under_way:
             raise FailedPrecondition(f"{what} {self._subject} before step_wait()")
 
-    def _restored(self, state: RestoredStateMessage) -> RestoredState:
-        shape = self._observations_shape
-        return RestoredState(
-            to_array(state.observations, self._observation_dtype, shape),
-            to_array(state.is_over, BOOL, shape[:1]),
-            state.was_reset,
-        )
-
-    def _float32(self, actions: ArrayLike) -> NDArray[np.float32]:
-        try:
-            return np.asarray(actions, dtype=FLOAT32)
-        except (TypeError, ValueError) as error:
-            raise InvalidArgument(
-                f"stepping {self._subject}: the actions are no array of numbers of shape "
-                f"{list(self._actions_shape)} ({error})"
-            ) from None
-
     def _step_request(self, actions: ArrayLike) -> bytes:
-        array = self._float32(actions)
+        array = float32_actions(actions, self._shapes, self._subject)
         if array.shape == self._actions_shape:
             return self._step_head + array.tobytes()
         # The server says what is wrong. By another way: a stream would end over a request that is
@@ -402,6 +386,40 @@ class Session:
 
     def _step_result(self, message: StepResponse, steps: int | None = None) -> StepResult:
         return step_result(message, self._shapes, steps)
+
+
+def reset_request(
+    session_id: str,
+    seeds: Sequence[SupportsIndex],
+    env_indices: Sequence[int] | NDArray[np.integer[Any]],
+) -> StepStreamRequest:
+    """The message that resets environments.
+
+    Raises:
+        InvalidArgument: A seed or an index cannot be sent.
+    """
+    return StepStreamRequest(
+        reset=ResetRequest(
+            session_id=session_id,
+            seeds=[unsigned("seed", seed, 64) for seed in seeds],
+            env_indices=[unsigned("environment index", index, 32) for index in env_indices],
+        )
+    )
+
+
+def float32_actions(actions: ArrayLike, shapes: Shapes, subject: str) -> NDArray[np.float32]:
+    """`actions` as an array, of whatever shape.
+
+    Raises:
+        InvalidArgument: They are none.
+    """
+    try:
+        return np.asarray(actions, dtype=FLOAT32)
+    except (TypeError, ValueError) as error:
+        raise InvalidArgument(
+            f"stepping {subject}: the actions are no array of numbers of shape "
+            f"{list(shapes.actions)} ({error})"
+        ) from None
 
 
 def open_session_request(

@@ -1,49 +1,32 @@
-"""The client for programs that run on asyncio. What it offers means what it means without.
-
-    async with palr_gym.aio.Client("localhost:7257") as client:
-        async with await client.open_session("hopper-w2", num_envs=64) as session:
-            observations = await session.reset(seeds=[0])
-            result = await session.step(actions)
-        evaluation = await client.evaluate("hopper-w2", "policy.onnx")
-
-Every call raises a `PalrGymError` of the fitting kind if it fails, and none waits for longer than
-its deadline. A client and its sessions belong to the event loop in which they are first used.
-
-A step costs more here than with `palr_gym.Client`, which leaves grpc out of it: between 100 and
-200 µs more.
-"""
+"""A connection to a server, for asyncio."""
 
 import asyncio
 import contextlib
-from collections.abc import AsyncGenerator, Callable, Sequence
-from typing import Any, Self, SupportsIndex
+from collections.abc import AsyncGenerator, Callable
+from typing import Self, SupportsIndex
 
 import grpc
 import grpc.aio
-import numpy as np
 from gymnasium.vector import AutoresetMode
-from numpy.typing import ArrayLike, NDArray
 
 from palr_gym import errors, specs
 from palr_gym._proto.palr_gym.v1 import environment_service_pb2, server_service_pb2
 from palr_gym._proto.palr_gym.v1.environment_service_pb2 import (
-    CloseSessionRequest,
-    OpenSessionResponse,
-    ResetRequest,
-    StepRequest,
     StepStreamRequest,
     StepStreamResponse,
 )
+from palr_gym._proto.palr_gym.v1.snapshot_service_pb2 import OpenSnapshotRequest
 from palr_gym.address import parse_address, server_or_default
-from palr_gym.arguments import seconds, unsigned
+from palr_gym.aio.session import Session, StepStream
+from palr_gym.arguments import seconds
 from palr_gym.connection import (
-    CLOSE_SESSION,
     DEFAULT_DEADLINE_S,
     EVALUATE,
     GET_ENVIRONMENT_SPEC,
     GET_SERVER_INFO,
     LIST_TASKS,
     OPEN_SESSION,
+    OPEN_SNAPSHOT,
     STEP_STREAM,
     Method,
     Request,
@@ -58,20 +41,14 @@ from palr_gym.evaluation import (
     evaluation_request,
 )
 from palr_gym.policies import PolicySource
-from palr_gym.results import Shapes, StepResult, step_result
+from palr_gym.results import RestoredState, Shapes, restored_state
 from palr_gym.session import (
     ObservationDtype,
     OutOfBounds,
+    SceneOptions,
     open_session_request,
     parse_autoreset_mode,
 )
-from palr_gym.tensors import FLOAT32, float32_tensor, to_array
-
-__all__ = ["Client", "Session"]
-
-_CLOSE_TIMEOUT_S = 2.0
-# Requests whose answers do not come in time leave a stream that nobody knows the state of.
-_Call = grpc.aio.StreamStreamCall[StepStreamRequest, StepStreamResponse]
 
 
 class Client:
@@ -119,7 +96,8 @@ class Client:
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         out_of_bounds: OutOfBounds = "reject",
         observation_dtype: ObservationDtype = "float64",
-    ) -> "Session":
+        scene_options: SceneOptions | None = None,
+    ) -> Session:
         """Opens environments to step. Arguments as of `palr_gym.Client.open_session`."""
         request = open_session_request(
             env_id,
@@ -127,9 +105,18 @@ class Client:
             autoreset_mode=parse_autoreset_mode(autoreset_mode),
             out_of_bounds=out_of_bounds,
             observation_dtype=observation_dtype,
+            scene_options=scene_options,
         )
         asked = f"opening {num_envs} environment(s) of {env_id}"
         return Session(self, await self.unary(OPEN_SESSION, request, asked=asked))
+
+    async def open_snapshot(self, snapshot: bytes) -> tuple[Session, RestoredState]:
+        """Opens a session in the state of a snapshot, which may come from another server."""
+        request = OpenSnapshotRequest(snapshot=snapshot)
+        asked = f"opening a session from a snapshot of {len(snapshot)} bytes"
+        response = await self.unary(OPEN_SNAPSHOT, request, asked=asked)
+        session = Session(self, response.session)
+        return session, restored_state(response.state, Shapes.of(session.spec, session.num_envs))
 
     async def evaluate(
         self,
@@ -230,7 +217,7 @@ class Client:
         finally:
             call.cancel()
 
-    def step_stream(self, asked: str) -> _Call:
+    def step_stream(self, asked: str) -> StepStream:
         """A new stream for resets and steps."""
         return self.channel(asked).stream_stream(
             STEP_STREAM.path,
@@ -253,142 +240,3 @@ class Client:
         self, error: grpc.RpcError, asked: str, timeout_s: float | None
     ) -> errors.PalrGymError:
         return errors.from_rpc_error(error, asked=asked, server=self.server, timeout_s=timeout_s)
-
-
-class Session:
-    """N environments on a server; `Client.open_session` makes them.
-
-    Several tasks may share one: their requests take turns. The server keeps a session until it is
-    closed or has been idle for `idle_limit_s`.
-    """
-
-    def __init__(self, client: Client, opened: OpenSessionResponse) -> None:
-        """A session that the server has opened."""
-        self.session_id: str = opened.session_id
-        self.spec: specs.EnvironmentSpec = specs.environment_spec(opened.spec)
-        self.num_envs: int = opened.num_envs
-        self.idle_limit_s: int = opened.idle_limit_s
-        self._client = client
-        self._shapes = Shapes.of(self.spec, self.num_envs)
-        self._subject = f"{self.num_envs} environment(s) of {self.spec.env_id}"
-        self._call: _Call | None = None
-        self._turn = asyncio.Lock()
-        # A step or reset got no answer; whether it was taken is unknown.
-        self._is_unknown = False
-        self._is_closed = False
-
-    async def reset(
-        self,
-        *,
-        seeds: Sequence[SupportsIndex] = (),
-        env_indices: Sequence[int] | NDArray[np.integer[Any]] = (),
-    ) -> NDArray[np.floating[Any]]:
-        """Starts new episodes. Arguments and result as of `palr_gym.Session.reset`."""
-        request = StepStreamRequest(
-            reset=ResetRequest(
-                session_id=self.session_id,
-                seeds=[unsigned("seed", seed, 64) for seed in seeds],
-                env_indices=[unsigned("environment index", index, 32) for index in env_indices],
-            )
-        )
-        async with self._turn:
-            answer = await self._ask(request, "resetting")
-            # A part of the environments may still be where nobody knows.
-            self._is_unknown = self._is_unknown and len(env_indices) > 0
-        shapes = self._shapes
-        return to_array(answer.reset.observations, shapes.observation_dtype, shapes.observations)
-
-    async def step(self, actions: ArrayLike) -> StepResult:
-        """Steps every environment once. Arguments and result as of `palr_gym.Session.step`.
-
-        After a call that got no answer, nobody knows whether its step was taken: until the next
-        reset, steps raise `ResetNeeded`.
-        """
-        try:
-            array = np.asarray(actions, dtype=FLOAT32)
-        except (TypeError, ValueError) as error:
-            raise errors.InvalidArgument(
-                f"stepping {self._subject}: the actions are no array of numbers of shape "
-                f"{list(self._shapes.actions)} ({error})"
-            ) from None
-        if array.shape != self._shapes.actions:
-            raise errors.InvalidArgument(
-                f"stepping {self._subject}: actions have shape {list(array.shape)}; expected "
-                f"{list(self._shapes.actions)}"
-            )
-        step = StepRequest(session_id=self.session_id, actions=float32_tensor(array))
-        async with self._turn:
-            if self._is_unknown:
-                raise errors.ResetNeeded(
-                    f"stepping {self._subject}: a call before got no answer, so the state of the "
-                    "environments is unknown; reset them"
-                )
-            answer = await self._ask(StepStreamRequest(step=step), "stepping")
-        return step_result(answer.step, self._shapes)
-
-    async def close(self) -> None:
-        """Closes the session on the server, if the server is still there. May be repeated."""
-        if self._is_closed:
-            return
-        self._is_closed = True
-        self._hang_up()
-        request = CloseSessionRequest(session_id=self.session_id)
-        timeout_s = min(self._client.deadline_s, _CLOSE_TIMEOUT_S)
-        # The server may be gone, and the session with it; or it will be closed for being idle.
-        with contextlib.suppress(errors.PalrGymError):
-            await self._client.unary(
-                CLOSE_SESSION, request, asked="closing a session", timeout_s=timeout_s
-            )
-
-    async def __aenter__(self) -> Self:
-        """Returns itself."""
-        return self
-
-    async def __aexit__(self, *_: object) -> None:
-        """Closes the session."""
-        await self.close()
-
-    async def _ask(self, request: StepStreamRequest, what: str) -> StepStreamResponse:
-        asked, server = f"{what} {self._subject}", self._client.server
-        if self._is_closed:
-            raise errors.FailedPrecondition(f"{asked} on {server}: this session has been closed")
-        is_answered = False
-        was_unknown, self._is_unknown = self._is_unknown, True
-        try:
-            answer = await self._exchange(request, asked)
-            is_answered = True
-        except TimeoutError:
-            deadline_s = self._client.deadline_s
-            raise errors.too_late(deadline_s, asked=asked, server=server) from None
-        except grpc.RpcError as error:
-            raise errors.from_rpc_error(error, asked=asked, server=server) from None
-        finally:
-            # This includes a task that was cancelled while it waited.
-            if not is_answered:
-                self._hang_up()
-        self._is_unknown = was_unknown
-        if answer.HasField("error"):
-            raise errors.from_status(answer.error, asked=asked, server=server)
-        return answer
-
-    async def _exchange(self, request: StepStreamRequest, asked: str) -> StepStreamResponse:
-        async with asyncio.timeout(self._client.deadline_s):
-            if self._call is None or self._call.done():
-                self._call = self._client.step_stream(asked)
-            call = self._call
-            try:
-                await call.write(request)
-            except (grpc.RpcError, asyncio.InvalidStateError):
-                # What grpc says of a stream that broke meanwhile is of no use.
-                text = "the stream broke"
-                raise errors.unreachable(text, asked=asked, server=self._client.server) from None
-            answer = await call.read()
-            if isinstance(answer, StepStreamResponse):
-                return answer
-            text = await call.details() or "the server ended the stream"
-            raise errors.unreachable(text, asked=asked, server=self._client.server)
-
-    def _hang_up(self) -> None:
-        if self._call is not None:
-            self._call.cancel()
-            self._call = None
