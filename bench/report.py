@@ -126,18 +126,19 @@ def as_json(entries: Iterable[Entry]) -> str:
 
 
 def tables(entries: Iterable[Entry]) -> str:
-    """All figures as Markdown, a table for each first part of a name."""
+    """All figures as Markdown, for each first part of a name.
+
+    Figures named `family.task.n.ours_vs_reference` stand in one table, a row for each task and n.
+    """
     blocks: list[str] = []
     ordered = sorted(entries, key=lambda entry: _sort_key(entry["name"]))
-    for family, rows in groupby(ordered, key=lambda entry: entry["name"].split(".")[0]):
-        lines = [
-            f"**{_HEADINGS.get(family, family)}**",
-            "",
-            "| figure | ours | reference | unit | ratio | all repeats |",
-            "|---|---:|---:|---|---:|---|",
-        ]
-        lines += [_row(row) for row in rows]
-        blocks.append("\n".join(lines))
+    for family, members in groupby(ordered, key=lambda entry: entry["name"].split(".")[0]):
+        rows = list(members)
+        blocks.append(f"**{_HEADINGS.get(family, family)}**")
+        by_size = [row for row in rows if _is_by_size(row["name"])]
+        others = [row for row in rows if not _is_by_size(row["name"])]
+        blocks += [_ratios_by_size(by_size)] if by_size else []
+        blocks += [_list(others)] if others else []
     where = sorted({f"{entry['processor']}, {entry['date']}" for entry in ordered})
     blocks.append(f"Measured on: {'; '.join(where) or 'nothing yet'}. `make bench` repeats it.")
     return "\n\n".join(blocks)
@@ -150,6 +151,40 @@ def with_tables(readme: str, entries: Iterable[Entry]) -> str:
     if not start or not end:
         return readme
     return f"{head}{START_MARKER}\n{tables(entries)}\n{END_MARKER}{tail}"
+
+
+def _list(entries: Iterable[Entry]) -> str:
+    head = [
+        "| figure | ours | reference | unit | ratio | all repeats |",
+        "|---|---:|---:|---|---:|---|",
+    ]
+    return "\n".join([*head, *map(_row, entries)])
+
+
+def _is_by_size(name: str) -> bool:
+    parts = name.split(".")
+    return len(parts) == 4 and parts[2].isdigit() and "_vs_" in parts[3]
+
+
+def _ratios_by_size(entries: Sequence[Entry]) -> str:
+    """Rows: task and size. Columns: who, against whom; with the range of all repeats."""
+    pairs = sorted({entry["name"].split(".")[3] for entry in entries}, key=_pair_key)
+    cells: dict[tuple[str, str], dict[str, str]] = {}
+    for entry in entries:
+        _, task, size, pair = entry["name"].split(".")
+        low, high = entry["spread"]
+        text = f"**{entry.get('ratio', math.nan):.2f}** ({low:.2f} to {high:.2f})"
+        cells.setdefault((task, size), {})[pair] = text
+    titles = [pair.replace("_vs_", " / ").replace("_", " ") for pair in pairs]
+    lines = [f"| | {' | '.join(titles)} |", f"|---|{'---|' * len(pairs)}"]
+    for (task, size), row in cells.items():
+        lines.append(f"| {task}, {size} | {' | '.join(row.get(pair, '') for pair in pairs)} |")
+    return "\n".join(lines)
+
+
+def _pair_key(pair: str) -> tuple[bool, str]:
+    """The limit first."""
+    return (not pair.endswith("_vs_limit"), pair)
 
 
 def _row(entry: Entry) -> str:

@@ -84,7 +84,7 @@ def test_results_are_written_in_the_order_of_the_format() -> None:
 
 def test_each_family_has_a_table() -> None:
     entries = [
-        figure("step.hopper.64.rust_vs_limit", Comparison(40_321.4, 48_000)),
+        figure("step.hopper.4096_vs_64", Comparison(40_321.4, 48_000)),
         figure("start.healthy_ms", Comparison(12.345)),
     ]
     assert tables(entries).splitlines() == [
@@ -98,9 +98,25 @@ def test_each_family_has_a_table() -> None:
         "",
         "| figure | ours | reference | unit | ratio | all repeats |",
         "|---|---:|---:|---|---:|---|",
-        "| `step.hopper.64.rust_vs_limit` | 40 321 | 48 000 | steps/s | **0.84** | 0.84 to 0.84 |",
+        "| `step.hopper.4096_vs_64` | 40 321 | 48 000 | steps/s | **0.84** | 0.84 to 0.84 |",
         "",
         "Measured on: Some Processor, 2 cores, 2026-11-23. `make bench` repeats it.",
+    ]
+
+
+def test_ratios_of_tasks_in_sizes_stand_in_one_table_the_limit_first() -> None:
+    entries = [
+        figure("step.hopper.64.python_vs_envpool", Comparison(3, 2)),
+        figure("step.hopper.64.rust_vs_limit", *(Comparison(n, 4) for n in (1, 2, 3))),
+        figure("step.hopper.8.rust_vs_limit", Comparison(1, 4)),
+    ]
+    assert tables(entries).splitlines()[:6] == [
+        "**Stepping**",
+        "",
+        "| | rust / limit | python / envpool |",
+        "|---|---|---|",
+        "| hopper, 8 | **0.25** (0.25 to 0.25) |  |",
+        "| hopper, 64 | **0.50** (0.25 to 0.75) | **1.50** (1.50 to 1.50) |",
     ]
 
 
