@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use bytes::Bytes;
 use ndarray::Array2;
 use palr_gym_core::{ActionMode, Fidelity};
-use palr_gym_data::{Demonstrations, Samples, Selection, View};
+use palr_gym_data::{RecordedFile, Samples, Selection, View};
 use palr_gym_proto::v1;
 use palr_gym_proto::v1::estimate_leakage_request::Subject;
 use serde::{Deserialize, Serialize};
@@ -68,8 +68,8 @@ pub struct Leakage {
 pub async fn estimate(client: &Client, options: &LeakageOptions) -> Result<Leakage, ClientError> {
     let spec = client.spec(&options.env_id).await?;
     let view = view(client, &spec).await?;
-    let demonstrations = Demonstrations::read(&options.data)?;
-    let samples = Samples::select(&demonstrations, &view, options.selection)?;
+    let file = RecordedFile::open(&options.data)?;
+    let samples = Samples::select(&file, &view, options.selection)?;
     let lengths = &samples.episode_lengths;
     let request = v1::EstimateLeakageRequest {
         subject: Some(Subject::Policy(v1::PolicyOnObservations {

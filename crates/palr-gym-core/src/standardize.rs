@@ -64,40 +64,14 @@ impl Standardizer {
     /// # Errors
     /// [`StandardizeError::Empty`], [`StandardizeError::Width`] or [`StandardizeError::NotFinite`].
     pub fn fit<T: Copy + Into<f64>>(values: &[T], width: usize) -> Result<Self, StandardizeError> {
-        if values.is_empty() || width == 0 {
+        if width == 0 {
             return Err(StandardizeError::Empty { values: values.len(), width });
         }
-        check_width(values.len(), width)?;
-        let rows = || values.chunks_exact(width).map(|row| row.iter().map(|&value| value.into()));
-        let n = (values.len() / width) as f64;
-        let mut mean = vec![0.0_f64; width];
-        let mut bounds = vec![(f64::INFINITY, f64::NEG_INFINITY); width];
-        for row in rows() {
-            for ((sum, (low, high)), value) in mean.iter_mut().zip(&mut bounds).zip(row) {
-                *sum += value;
-                (*low, *high) = (low.min(value), high.max(value));
-            }
-        }
-        for (mean, &(low, high)) in mean.iter_mut().zip(&bounds) {
-            // A sum of equal values need not divide back to that value.
-            *mean = if low == high { low } else { *mean / n };
-        }
-        let mut std = vec![0.0_f64; width];
-        for row in rows() {
-            for ((sum, mean), value) in std.iter_mut().zip(&mean).zip(row) {
-                *sum += (value - mean).powi(2);
-            }
-        }
-        for (column, (std, mean)) in std.iter_mut().zip(&mean).enumerate() {
-            *std = (*std / n).sqrt();
-            if !(std.is_finite() && mean.is_finite()) {
-                return Err(StandardizeError::NotFinite { column });
-            }
-            if *std == 0.0 {
-                *std = 1.0;
-            }
-        }
-        Ok(Self { mean, std })
+        let mut means = Means::new(width)?;
+        means.add(values)?;
+        let mut deviations = means.finish()?;
+        deviations.add(values);
+        deviations.finish()
     }
 
     /// Columns.
@@ -149,6 +123,103 @@ impl Standardizer {
     }
 }
 
+/// The first of two passes over rows that are not in memory together. The statistics are those of
+/// [`Standardizer::fit`], bit for bit, wherever the rows are cut into blocks.
+#[derive(Debug, Clone)]
+pub struct Means {
+    values: usize,
+    sums: Vec<f64>,
+    bounds: Vec<(f64, f64)>,
+}
+
+impl Means {
+    /// Of rows of `width` columns.
+    ///
+    /// # Errors
+    /// [`StandardizeError::Empty`] without columns.
+    pub fn new(width: usize) -> Result<Self, StandardizeError> {
+        if width == 0 {
+            return Err(StandardizeError::Empty { values: 0, width });
+        }
+        let bounds = vec![(f64::INFINITY, f64::NEG_INFINITY); width];
+        Ok(Self { values: 0, sums: vec![0.0; width], bounds })
+    }
+
+    /// The next rows.
+    ///
+    /// # Errors
+    /// [`StandardizeError::Width`] if they are no whole rows.
+    pub fn add<T: Copy + Into<f64>>(&mut self, block: &[T]) -> Result<(), StandardizeError> {
+        let width = self.sums.len();
+        check_width(block.len(), width)?;
+        self.values += block.len();
+        for row in block.chunks_exact(width) {
+            for ((sum, (low, high)), &value) in self.sums.iter_mut().zip(&mut self.bounds).zip(row)
+            {
+                let value = value.into();
+                *sum += value;
+                (*low, *high) = (low.min(value), high.max(value));
+            }
+        }
+        Ok(())
+    }
+
+    /// Begins the second pass.
+    ///
+    /// # Errors
+    /// [`StandardizeError::Empty`] without rows.
+    pub fn finish(self) -> Result<Deviations, StandardizeError> {
+        let Self { values, sums: mut mean, bounds } = self;
+        let width = mean.len();
+        if values == 0 {
+            return Err(StandardizeError::Empty { values, width });
+        }
+        let n = (values / width) as f64;
+        for (mean, &(low, high)) in mean.iter_mut().zip(&bounds) {
+            // A sum of equal values need not divide back to that value.
+            *mean = if low == high { low } else { *mean / n };
+        }
+        Ok(Deviations { n, squares: vec![0.0; width], mean })
+    }
+}
+
+/// The second pass, over the same rows.
+#[derive(Debug, Clone)]
+pub struct Deviations {
+    n: f64,
+    mean: Vec<f64>,
+    squares: Vec<f64>,
+}
+
+impl Deviations {
+    /// The next rows.
+    pub fn add<T: Copy + Into<f64>>(&mut self, block: &[T]) {
+        for row in block.chunks_exact(self.mean.len()) {
+            for ((sum, mean), &value) in self.squares.iter_mut().zip(&self.mean).zip(row) {
+                *sum += (value.into() - mean).powi(2);
+            }
+        }
+    }
+
+    /// The statistics.
+    ///
+    /// # Errors
+    /// [`StandardizeError::NotFinite`].
+    pub fn finish(self) -> Result<Standardizer, StandardizeError> {
+        let Self { n, mean, squares: mut std } = self;
+        for (column, (std, mean)) in std.iter_mut().zip(&mean).enumerate() {
+            *std = (*std / n).sqrt();
+            if !(std.is_finite() && mean.is_finite()) {
+                return Err(StandardizeError::NotFinite { column });
+            }
+            if *std == 0.0 {
+                *std = 1.0;
+            }
+        }
+        Ok(Standardizer { mean, std })
+    }
+}
+
 fn check_width(values: usize, width: usize) -> Result<(), StandardizeError> {
     if values.is_multiple_of(width) {
         Ok(())
@@ -180,6 +251,24 @@ mod tests {
 
     fn column(values: &[f32], width: usize, column: usize) -> Vec<f64> {
         values.iter().skip(column).step_by(width).map(|&value| f64::from(value)).collect()
+    }
+
+    #[test]
+    fn rows_in_blocks_have_the_statistics_of_all_together() {
+        let values: Vec<f32> = (0..30).map(|at| (at * at % 17) as f32 / 7.0).collect();
+        let whole = Standardizer::fit(&values, 3).unwrap();
+        for rows in 1..=10 {
+            let mut means = Means::new(3).unwrap();
+            values.chunks(3 * rows).for_each(|block| means.add(block).unwrap());
+            let mut deviations = means.finish().unwrap();
+            values.chunks(3 * rows).for_each(|block| deviations.add(block));
+            assert_eq!(deviations.finish().unwrap(), whole);
+        }
+        assert_eq!(
+            Means::new(3).unwrap().add(&[1.0_f32]),
+            Standardizer::fit(&[1.0_f32], 3).map(|_| ())
+        );
+        assert!(Means::new(3).unwrap().finish().is_err());
     }
 
     proptest! {

@@ -134,6 +134,22 @@ impl MinariSource {
         &self.metadata
     }
 
+    /// Whether the task, and whether the time limit ended episode `index`.
+    ///
+    /// # Errors
+    /// [`DataError`].
+    pub fn ends(&self, index: usize) -> Result<(bool, bool), DataError> {
+        let name = format!("episode_{index}");
+        let group =
+            self.file.group(&name).map_err(|error| unreadable(&self.path, &name, &error))?;
+        let flag = |dataset: &'static str| -> Result<bool, DataError> {
+            let set = member(&self.path, &group, index, dataset)?;
+            let flags: Vec<bool> = values(&self.path, &set, dataset, self.shape.lengths[index])?;
+            Ok(flags.last().copied().unwrap_or(false))
+        };
+        Ok((flag("terminations")?, flag("truncations")?))
+    }
+
     /// The first `limit` transitions of episode `index`.
     ///
     /// # Errors
@@ -158,10 +174,7 @@ impl MinariSource {
         let size = self.shape.observation_size;
         let observations = rows("observations", taken + 1, length + 1, size)?;
         let actions = rows("actions", taken, length, self.shape.action_size)?;
-        let flag = |dataset: &'static str| -> Result<bool, DataError> {
-            let flags: Vec<bool> = values(&self.path, &set(dataset)?, dataset, length)?;
-            Ok(flags.last().copied().unwrap_or(false))
-        };
+        let (terminated, truncated) = self.ends(index)?;
         let info = |dataset: &'static str, is_there: bool| match is_there {
             true => values::<f64>(&self.path, &set(dataset)?, dataset, taken),
             false => Ok(Vec::new()),
@@ -177,8 +190,8 @@ impl MinariSource {
             qpos: owned(info("infos/qpos", shape.nq > 0)?),
             qvel: owned(info("infos/qvel", shape.nv > 0)?),
             action_log_probs: owned(info("infos/action_log_probs", shape.has_action_log_probs)?),
-            terminated: is_whole && flag("terminations")?,
-            timed_out: !is_whole || flag("truncations")?,
+            terminated: is_whole && terminated,
+            timed_out: !is_whole || truncated,
         })
     }
 }

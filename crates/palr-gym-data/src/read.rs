@@ -14,15 +14,18 @@
 use std::fmt::Display;
 use std::fs;
 use std::io::{self, Read as _};
+use std::ops::Range;
 use std::path::Path;
 
 use hdf5_metno::types::{FixedAscii, FixedUnicode, TypeDescriptor, VarLenAscii, VarLenUnicode};
-use hdf5_metno::{Dataset, File, H5Type};
+use hdf5_metno::{Dataset, File};
 use ndarray::{Array1, Array2};
 
-use crate::demonstrations::{Arrays, Demonstrations, check_shapes};
+use crate::demonstrations::check_shapes;
 use crate::error::DataError;
-use crate::source::Source;
+use crate::minari::MinariSource;
+use crate::recording::{BLOCK_ROWS, Outline, Recording, Rows, episodes};
+use crate::source::rows_of;
 
 /// The first bytes of every HDF5 file.
 const SIGNATURE: &[u8] = b"\x89HDF\r\n\x1a\n";
@@ -36,16 +39,28 @@ const TIMEOUTS: &str = "which marks the rows with which the time limit ended an 
 const FLOATS: &str = "float32 or float64";
 const FLAGS: &str = "bool, or integers or floats that are 0 or 1";
 
-impl Demonstrations {
-    /// Reads and checks a file in D4RL's layout, or a folder in Minari's.
+/// A D4RL file, or a folder in Minari's layout, whose rows are read as they are asked for.
+pub struct RecordedFile {
+    outline: Outline,
+    layout: RowsOf,
+}
+
+enum RowsOf {
+    D4rl { observations: Dataset, actions: Dataset, rewards: Dataset },
+    Minari(MinariSource),
+}
+
+impl RecordedFile {
+    /// Opens it and checks all but the numbers.
     ///
     /// # Errors
     /// [`DataError`]: `Read` for what the system or HDF5 refuses, `NotHdf5`, `Damaged`, `Missing`,
-    /// `Type`, `Flag`, and those of [`Demonstrations::new`].
-    pub fn read(path: &Path) -> Result<Self, DataError> {
-        if path.is_dir() {
-            return Self::gather(&Source::open(path)?, path);
-        }
+    /// `Type`, `Flag`, `Rank`, `Length`, `NoTransitions`.
+    pub fn open(path: &Path) -> Result<Self, DataError> {
+        if path.is_dir() { Self::minari(path) } else { Self::d4rl(path) }
+    }
+
+    fn d4rl(path: &Path) -> Result<Self, DataError> {
         let file = open(path)?;
         let column = |name, reason| Column::open(path, &file, name, reason);
         let observations = column("observations", "the observation before each action")?;
@@ -59,45 +74,127 @@ impl Demonstrations {
             [&observations, &actions, &rewards, &terminals, &timeouts]
                 .map(|column| (column.name, column.shape.as_slice())),
         )?;
-        let arrays = Arrays {
-            observations: observations.matrix()?,
-            actions: actions.matrix()?,
-            rewards: Array1::from_vec(rewards.floats()?),
-            terminals: terminals.flags()?,
-            timeouts: timeouts.flags()?,
+        for column in [&observations, &actions, &rewards] {
+            column.check_floats()?;
+        }
+        let (episodes, terminated, timed_out) = episodes(&terminals.flags()?, &timeouts.flags()?);
+        let outline = Outline {
+            source: path.to_path_buf(),
+            env_id: env_id(&file),
+            observation_size: observations.width(),
+            action_size: actions.width(),
+            episodes,
+            terminated,
+            timed_out,
         };
-        Self::new(path, env_id(&file), arrays)
+        let layout = RowsOf::D4rl {
+            observations: observations.dataset,
+            actions: actions.dataset,
+            rewards: rewards.dataset,
+        };
+        Ok(Self { outline, layout })
+    }
+
+    fn minari(path: &Path) -> Result<Self, DataError> {
+        let source = MinariSource::open(path)?;
+        let shape = source.shape();
+        let (mut episodes, mut terminated, mut timed_out) = (Vec::new(), 0, 0);
+        let mut start = 0;
+        for (index, length) in shape.lengths.iter().enumerate().filter(|(_, length)| **length > 0) {
+            let ends = source.ends(index)?;
+            terminated += usize::from(ends.0);
+            timed_out += usize::from(ends.1);
+            episodes.push(start..start + length);
+            start += length;
+        }
+        let outline = Outline {
+            source: path.to_path_buf(),
+            env_id: source.env_id().map(str::to_owned),
+            observation_size: shape.observation_size,
+            action_size: shape.action_size,
+            episodes,
+            terminated,
+            timed_out,
+        };
+        Ok(Self { outline, layout: RowsOf::Minari(source) })
+    }
+
+    /// Rows out of episodes, of which each has a group of its own.
+    fn rows_of_episodes<'a>(
+        &self,
+        source: &MinariSource,
+        rows: Range<usize>,
+    ) -> Result<Rows<'a>, DataError> {
+        let (mut observations, mut actions, mut rewards) = (Vec::new(), Vec::new(), Vec::new());
+        let lengths = source.shape().lengths.iter().enumerate();
+        let groups = lengths.filter(|(_, length)| **length > 0).map(|(index, _)| index);
+        for (index, episode) in groups.zip(&self.outline.episodes) {
+            let (start, end) = (episode.start.max(rows.start), episode.end.min(rows.end));
+            if start >= end {
+                continue;
+            }
+            let read = source.read(index, end - episode.start)?;
+            let skipped = start - episode.start;
+            let after = |width: usize| skipped * width..;
+            let entries = &read.observations[after(self.outline.observation_size)];
+            observations.extend(entries.iter().map(|&value| value as f32));
+            actions.extend_from_slice(&read.actions[after(self.outline.action_size)]);
+            rewards.extend(read.rewards[after(1)].iter().map(|&value| value as f32));
+        }
+        let Outline { observation_size, action_size, .. } = self.outline;
+        self.gathered(
+            rows.len(),
+            ("observations", observation_size, observations),
+            ("actions", action_size, actions),
+            rewards,
+        )
+    }
+
+    fn gathered<'a>(
+        &self,
+        n: usize,
+        observations: (&str, usize, Vec<f32>),
+        actions: (&str, usize, Vec<f32>),
+        rewards: Vec<f32>,
+    ) -> Result<Rows<'a>, DataError> {
+        let matrix = |(name, width, values): (&str, usize, Vec<f32>)| {
+            Array2::from_shape_vec((n, width), values)
+                .map_err(|error| unreadable(&self.outline.source, name, &error))
+        };
+        Ok(Rows {
+            observations: matrix(observations)?.into(),
+            actions: matrix(actions)?.into(),
+            rewards: Array1::from_vec(rewards).into(),
+        })
     }
 }
 
-impl Demonstrations {
-    /// All episodes of a recording.
-    fn gather(source: &Source, path: &Path) -> Result<Self, DataError> {
-        let shape = source.shape();
-        let (mut observations, mut actions, mut rewards) = (Vec::new(), Vec::new(), Vec::new());
-        let (mut terminals, mut timeouts) = (Vec::new(), Vec::new());
-        for index in 0..shape.lengths.len() {
-            let episode = source.read(index, usize::MAX)?;
-            observations.extend(episode.observations.iter().map(|&value| value as f32));
-            actions.extend_from_slice(&episode.actions);
-            rewards.extend(episode.rewards.iter().map(|&value| value as f32));
-            let is_last = |row: usize| row + 1 == episode.len();
-            terminals.extend((0..episode.len()).map(|row| is_last(row) && episode.terminated));
-            timeouts.extend((0..episode.len()).map(|row| is_last(row) && episode.timed_out));
-        }
-        let n = rewards.len();
-        let matrix = |name: &str, width: usize, values: Vec<f32>| {
-            Array2::from_shape_vec((n, width), values)
-                .map_err(|error| unreadable(path, name, &error))
+impl Recording for RecordedFile {
+    fn outline(&self) -> &Outline {
+        &self.outline
+    }
+
+    fn rows(&self, rows: Range<usize>) -> Result<Rows<'_>, DataError> {
+        let source = &self.outline.source;
+        let read = match &self.layout {
+            RowsOf::Minari(minari) => self.rows_of_episodes(minari, rows.clone())?,
+            RowsOf::D4rl { observations, actions, rewards } => {
+                // HDF5 narrows float64, piece by piece.
+                let values = |set: &Dataset, name: &'static str| {
+                    rows_of::<f32>(set, rows.clone())
+                        .map_err(|error| unreadable(source, name, &error))
+                };
+                let Outline { observation_size, action_size, .. } = self.outline;
+                self.gathered(
+                    rows.len(),
+                    ("observations", observation_size, values(observations, "observations")?),
+                    ("actions", action_size, values(actions, "actions")?),
+                    values(rewards, "rewards")?,
+                )?
+            }
         };
-        let arrays = Arrays {
-            observations: matrix("observations", shape.observation_size, observations)?,
-            actions: matrix("actions", shape.action_size, actions)?,
-            rewards: Array1::from_vec(rewards),
-            terminals: Array1::from_vec(terminals),
-            timeouts: Array1::from_vec(timeouts),
-        };
-        Self::new(path, source.env_id().map(str::to_owned), arrays)
+        read.check(source, rows.start)?;
+        Ok(read)
     }
 }
 
@@ -125,23 +222,20 @@ impl<'a> Column<'a> {
         Ok(Self { path, name, shape: dataset.shape(), dataset })
     }
 
-    /// `[N, width]`; the shape has been checked.
-    fn matrix(&self) -> Result<Array2<f32>, DataError> {
-        let width = self.shape.get(1).copied().unwrap_or(1);
-        Array2::from_shape_vec((self.shape[0], width), self.floats()?)
-            .map_err(|error| unreadable(self.path, self.name, &error))
+    /// Entries of a row; the shape has been checked.
+    fn width(&self) -> usize {
+        self.shape.get(1).copied().unwrap_or(1)
     }
 
-    /// Every value, row-major. HDF5 narrows float64, piece by piece.
-    fn floats(&self) -> Result<Vec<f32>, DataError> {
+    fn check_floats(&self) -> Result<(), DataError> {
         match self.descriptor()? {
-            TypeDescriptor::Float(_) => self.values(),
+            TypeDescriptor::Float(_) => Ok(()),
             other => Err(self.mistyped(&other, FLOATS)),
         }
     }
 
     /// Read as numbers: a bool's byte in a damaged file may be neither 0 nor 1.
-    fn flags(&self) -> Result<Array1<bool>, DataError> {
+    fn flags(&self) -> Result<Vec<bool>, DataError> {
         match self.descriptor()? {
             TypeDescriptor::Boolean
             | TypeDescriptor::Enum(_)
@@ -150,21 +244,24 @@ impl<'a> Column<'a> {
             | TypeDescriptor::Float(_) => {}
             other => return Err(self.mistyped(&other, FLAGS)),
         }
-        let flag = |(row, value): (usize, f64)| match value {
-            0.0 => Ok(false),
-            1.0 => Ok(true),
-            value => Err(DataError::Flag {
-                path: self.path.into(),
-                dataset: self.name,
-                row,
-                value: value.to_string(),
-            }),
-        };
-        self.values::<f64>()?.into_iter().enumerate().map(flag).collect()
-    }
-
-    fn values<T: H5Type>(&self) -> Result<Vec<T>, DataError> {
-        self.dataset.read_raw().map_err(|error| unreadable(self.path, self.name, &error))
+        let mut flags = Vec::with_capacity(self.shape[0]);
+        for start in (0..self.shape[0]).step_by(BLOCK_ROWS) {
+            let rows = start..self.shape[0].min(start + BLOCK_ROWS);
+            let values = rows_of::<f64>(&self.dataset, rows)
+                .map_err(|error| unreadable(self.path, self.name, &error))?;
+            for value in values {
+                flags.push(match value {
+                    0.0 => false,
+                    1.0 => true,
+                    value => {
+                        let (path, dataset, row) = (self.path.into(), self.name, flags.len());
+                        let value = value.to_string();
+                        return Err(DataError::Flag { path, dataset, row, value });
+                    }
+                });
+            }
+        }
+        Ok(flags)
     }
 
     fn descriptor(&self) -> Result<TypeDescriptor, DataError> {

@@ -3,12 +3,14 @@
 //! What an agent sees online and what a learner is given offline is one definition:
 //! [`palr_gym_core::FrameStack`], which the simulation drives step by step and this file row by row.
 
-use ndarray::{Array2, ArrayViewMut1};
+use std::ops::Range;
+
+use ndarray::Array2;
 use palr_gym_core::env_id::MAX_FRAME_STACK;
 use palr_gym_core::{EnvId, EnvSpec, Fidelity, FrameStack, Mask};
 
-use crate::demonstrations::Demonstrations;
 use crate::error::DataError;
+use crate::recording::{BLOCK_ROWS, Outline, Recording, Rows};
 use crate::selection::Selection;
 
 /// Columns of ant's files that hold its 27 entries first and then contact forces: Gymnasium's
@@ -52,8 +54,8 @@ impl View {
         self.frame_stack * self.mask_indices.len()
     }
 
-    /// Checks that the view makes sense and that `demonstrations` are of its task, unmasked.
-    fn check(&self, demonstrations: &Demonstrations) -> Result<(), DataError> {
+    /// Checks that the view makes sense and that the data set is of its task, unmasked.
+    fn check(&self, outline: &Outline) -> Result<(), DataError> {
         let task = || self.task.clone();
         if self.mask_indices.is_empty() {
             return Err(DataError::EmptyMask { task: task() });
@@ -66,12 +68,12 @@ impl View {
             let (got, max) = (self.frame_stack, MAX_FRAME_STACK);
             return Err(DataError::FrameStack { task: task(), got, max });
         }
-        let path = || demonstrations.source().to_path_buf();
+        let path = || outline.source.clone();
         let want =
             EnvId { task: task(), mask: Mask::Full, fidelity: self.fidelity, frame_stack: 1 };
         // The definitions of a task have columns in common, but not rewards, ends of episodes and
         // bodies: data of one are not those of the other.
-        let got = demonstrations.env_id();
+        let got = outline.env_id.as_deref();
         let is_other = got.is_some_and(|got| match got.parse::<EnvId>() {
             Ok(named) => named != want,
             // Of Gymnasium's own names, such as `HalfCheetah-v4`, columns tell the task.
@@ -82,11 +84,10 @@ impl View {
             return Err(DataError::Environment { path: path(), got, task: task(), want });
         }
         let also = if self.task == "ant" { ANT_COLUMNS } else { &[] };
-        for (dataset, values, want, also) in [
-            ("observations", demonstrations.observations(), size, also),
-            ("actions", demonstrations.actions(), self.action_size, &[]),
+        for (dataset, got, want, also) in [
+            ("observations", outline.observation_size, size, also),
+            ("actions", outline.action_size, self.action_size, &[]),
         ] {
-            let got = values.ncols();
             // Contact forces that only some files have may be left out of the view, not out of the file.
             let holds_mask = || self.mask_indices.iter().all(|&index| index < got);
             if got != want && !(also.contains(&got) && holds_mask()) {
@@ -124,42 +125,95 @@ pub struct Samples {
 }
 
 impl Samples {
-    /// The selected rows of `demonstrations` as `view` shows them.
-    ///
-    /// Stacks and past actions reach back to the beginning of an episode, to rows before the
-    /// selection as well, and never beyond.
+    /// The selected rows of a data set as `view` shows them. No others are read, but for those that
+    /// stacks and past actions reach back to: the beginning of an episode at most.
     ///
     /// # Errors
-    /// Those of [`Selection::row_ranges`]; [`DataError::EmptyMask`], [`DataError::MaskIndex`] and
-    /// [`DataError::FrameStack`] for a view that makes no sense; [`DataError::Environment`] and
-    /// [`DataError::Columns`] for the data of another task.
+    /// Those of [`Selection::row_ranges`] and [`Recording::rows`]; [`DataError::EmptyMask`],
+    /// [`DataError::MaskIndex`] and [`DataError::FrameStack`] for a view that makes no sense;
+    /// [`DataError::Environment`] and [`DataError::Columns`] for the data of another task.
     pub fn select(
-        demonstrations: &Demonstrations,
+        recording: &dyn Recording,
         view: &View,
         selection: Selection,
     ) -> Result<Self, DataError> {
-        view.check(demonstrations)?;
-        let ranges = selection.row_ranges(demonstrations)?;
+        view.check(recording.outline())?;
+        let ranges = selection.row_ranges(recording.outline())?;
         let episode_lengths: Vec<usize> = ranges.iter().map(ExactSizeIterator::len).collect();
         let n = episode_lengths.iter().sum();
-        let mut observations = Array2::zeros((n, view.observation_size()));
-        let mut actions = Array2::zeros((n, view.action_size));
-        let mut past_actions = Array2::zeros((n, view.action_size));
-        let mut stacks = Stacks::new(demonstrations, view);
+        let mut samples = Self {
+            observations: Array2::zeros((n, view.observation_size())),
+            actions: Array2::zeros((n, view.action_size)),
+            past_actions: Array2::zeros((n, view.action_size)),
+            episode_lengths,
+        };
         let mut slot = 0;
         for range in ranges {
-            let episode_start = episode_start(demonstrations, range.start);
-            stacks.begin(episode_start, range.start);
-            for row in range {
-                stacks.push(row, observations.row_mut(slot));
-                actions.row_mut(slot).assign(&demonstrations.actions().row(row));
-                if row > episode_start {
-                    past_actions.row_mut(slot).assign(&demonstrations.actions().row(row - 1));
-                }
-                slot += 1;
+            for start in range.clone().step_by(BLOCK_ROWS) {
+                let rows = start..range.end.min(start + BLOCK_ROWS);
+                slot = samples.fill(recording, view, rows, slot)?;
             }
         }
-        Ok(Self { observations, actions, past_actions, episode_lengths })
+        Ok(samples)
+    }
+
+    /// All rows' stacked observations, block by block, `[n, w·d]` each.
+    ///
+    /// # Errors
+    /// As [`select`](Self::select).
+    pub fn for_each_block_of_observations(
+        recording: &dyn Recording,
+        view: &View,
+        visit: &mut dyn FnMut(&[f32]),
+    ) -> Result<(), DataError> {
+        let outline = recording.outline();
+        view.check(outline)?;
+        for episode in &outline.episodes {
+            for start in episode.clone().step_by(BLOCK_ROWS) {
+                let rows = start..episode.end.min(start + BLOCK_ROWS);
+                let mut block = Self {
+                    observations: Array2::zeros((rows.len(), view.observation_size())),
+                    actions: Array2::zeros((rows.len(), view.action_size)),
+                    past_actions: Array2::zeros((rows.len(), view.action_size)),
+                    episode_lengths: vec![rows.len()],
+                };
+                block.fill(recording, view, rows, 0)?;
+                visit(block.observations.as_slice().unwrap_or_default());
+            }
+        }
+        Ok(())
+    }
+
+    /// Puts `rows`, which are of one episode, into the slots from `slot` on; tells the next one.
+    fn fill(
+        &mut self,
+        recording: &dyn Recording,
+        view: &View,
+        rows: Range<usize>,
+        slot: usize,
+    ) -> Result<usize, DataError> {
+        let episode_start = recording.outline().episode_start(rows.start);
+        // A stack reaches back over w - 1 rows, a past action over one.
+        let reach = (view.frame_stack - 1).max(1);
+        let first = rows.start.saturating_sub(reach).max(episode_start);
+        let read = recording.rows(first..rows.end)?;
+        let mut stack = FrameStack::new(view.mask_indices.len(), view.frame_stack);
+        for row in first..rows.end {
+            let at = row - first;
+            push(&mut stack, view, &read, at);
+            let Some(offset) = row.checked_sub(rows.start) else { continue };
+            for (entry, &value) in
+                self.observations.row_mut(slot + offset).iter_mut().zip(stack.stacked())
+            {
+                // It was float32 before, so nothing is lost.
+                *entry = value as f32;
+            }
+            self.actions.row_mut(slot + offset).assign(&read.actions.row(at));
+            if row > episode_start {
+                self.past_actions.row_mut(slot + offset).assign(&read.actions.row(at - 1));
+            }
+        }
+        Ok(slot + rows.len())
     }
 
     /// Number of rows, n ≥ 1.
@@ -169,46 +223,9 @@ impl Samples {
     }
 }
 
-/// First row of the episode that `row` is in.
-fn episode_start(demonstrations: &Demonstrations, row: usize) -> usize {
-    let episodes = demonstrations.episodes();
-    episodes[episodes.partition_point(|episode| episode.end <= row)].start
-}
-
-/// A frame stack driven by a data set's rows.
-struct Stacks<'a> {
-    demonstrations: &'a Demonstrations,
-    view: &'a View,
-    stack: FrameStack,
-}
-
-impl<'a> Stacks<'a> {
-    fn new(demonstrations: &'a Demonstrations, view: &'a View) -> Self {
-        let stack = FrameStack::new(view.mask_indices.len(), view.frame_stack);
-        Self { demonstrations, view, stack }
-    }
-
-    /// Makes the stack that of `row` just before its own observation.
-    fn begin(&mut self, episode_start: usize, row: usize) {
-        self.stack.clear();
-        // Older rows would be pushed out again.
-        let oldest = (row + 1).saturating_sub(self.view.frame_stack).max(episode_start);
-        (oldest..row).for_each(|row| self.observe(row));
-    }
-
-    fn push(&mut self, row: usize, mut slot: ArrayViewMut1<'_, f32>) {
-        self.observe(row);
-        for (slot, &entry) in slot.iter_mut().zip(self.stack.stacked()) {
-            // It was float32 before, so nothing is lost.
-            *slot = entry as f32;
-        }
-    }
-
-    fn observe(&mut self, row: usize) {
-        let observation = self.demonstrations.observations().row(row);
-        let indices = self.view.mask_indices.iter();
-        self.stack.push(indices.map(|&index| f64::from(observation[index])));
-    }
+fn push(stack: &mut FrameStack, view: &View, rows: &Rows<'_>, at: usize) {
+    let observation = rows.observations.row(at);
+    stack.push(view.mask_indices.iter().map(|&index| f64::from(observation[index])));
 }
 
 #[cfg(test)]

@@ -2,8 +2,8 @@
 
 use std::ops::Range;
 
-use crate::demonstrations::Demonstrations;
 use crate::error::DataError;
+use crate::recording::Outline;
 
 /// Which rows of a data set are meant.
 ///
@@ -94,20 +94,17 @@ impl Selection {
     /// # Errors
     /// [`DataError::NoRows`], [`DataError::TooFewRows`], [`DataError::HeldOutOverlap`] or
     /// [`DataError::TooFewHeldOut`].
-    pub fn row_ranges(
-        self,
-        demonstrations: &Demonstrations,
-    ) -> Result<Vec<Range<usize>>, DataError> {
+    pub fn row_ranges(self, outline: &Outline) -> Result<Vec<Range<usize>>, DataError> {
         match self {
-            Self::First { rows } => consecutive(demonstrations, 0, rows),
+            Self::First { rows } => consecutive(outline, 0, rows),
             Self::HeldOut { training_rows, held_out: HeldOut::Slice { start, rows } } => {
                 if start < training_rows {
                     return Err(DataError::HeldOutOverlap { start, training_rows });
                 }
-                consecutive(demonstrations, start, rows)
+                consecutive(outline, start, rows)
             }
             Self::HeldOut { training_rows, held_out: HeldOut::Spread { rows, min_episodes } } => {
-                spread(demonstrations, training_rows, rows, min_episodes)
+                spread(outline, training_rows, rows, min_episodes)
             }
         }
     }
@@ -115,25 +112,25 @@ impl Selection {
 
 /// `want` rows from `start` on, cut where episodes end.
 fn consecutive(
-    demonstrations: &Demonstrations,
+    outline: &Outline,
     start: usize,
     want: usize,
 ) -> Result<Vec<Range<usize>>, DataError> {
-    let transitions = demonstrations.transitions();
+    let transitions = outline.transitions();
     let end = match start.checked_add(want) {
         _ if want == 0 => return Err(DataError::NoRows),
         Some(end) if end <= transitions => end,
         _ => {
-            let path = demonstrations.source().to_path_buf();
+            let path = outline.source.clone();
             return Err(DataError::TooFewRows { path, start, want, transitions });
         }
     };
     let cut = |episode: &Range<usize>| episode.start.max(start)..episode.end.min(end);
-    Ok(demonstrations.episodes().iter().map(cut).filter(|range| !range.is_empty()).collect())
+    Ok(outline.episodes.iter().map(cut).filter(|range| !range.is_empty()).collect())
 }
 
 fn spread(
-    demonstrations: &Demonstrations,
+    outline: &Outline,
     training_rows: usize,
     rows: usize,
     min_episodes: usize,
@@ -141,14 +138,14 @@ fn spread(
     if rows == 0 {
         return Err(DataError::NoRows);
     }
-    let episodes = demonstrations.episodes();
+    let episodes = &outline.episodes;
     let unseen = &episodes[episodes.partition_point(|episode| episode.start < training_rows)..];
     let chosen = (min_episodes.max(1)..=unseen.len().min(rows))
         .map(|count| evenly(unseen, count))
         .find(|chosen| chosen.iter().map(ExactSizeIterator::len).sum::<usize>() >= rows);
     let Some(chosen) = chosen else {
         return Err(DataError::TooFewHeldOut {
-            path: demonstrations.source().to_path_buf(),
+            path: outline.source.clone(),
             rows,
             min_episodes,
             episodes: unseen.len(),

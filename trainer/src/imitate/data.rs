@@ -5,7 +5,7 @@ use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::sync::Arc;
 
-use palr_gym_data::{Demonstrations, Samples, Selection, View};
+use palr_gym_data::{RecordedFile, Recording, Samples, Selection, View};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
@@ -50,17 +50,18 @@ pub async fn prepare(client: &Client, settings: &Settings) -> Result<Prepared, C
     let Settings { run: settings, train } = settings;
     let spec = client.spec(&settings.env).await?;
     let view = view(client, &spec).await?;
-    let demonstrations = Demonstrations::read(&settings.data)?;
-    let rows = Rows::select(&demonstrations, &view, Selection::first(settings.training_rows))?;
+    let file = RecordedFile::open(&settings.data)?;
+    let rows = Rows::select(&file, &view, Selection::first(settings.training_rows))?;
     let statistics = match train.statistics {
         StatisticsRows::Training => {
             Standardization::of(&rows.observations, view.observation_size())?
         }
-        StatisticsRows::All => {
-            let all = Selection::first(demonstrations.transitions());
-            let all = Rows::select(&demonstrations, &view, all)?;
-            Standardization::of(&all.observations, view.observation_size())?
-        }
+        StatisticsRows::All => Standardization::of_blocks(
+            view.observation_size(),
+            |visit| -> Result<(), ClientError> {
+                Ok(Samples::for_each_block_of_observations(&file, &view, visit)?)
+            },
+        )?,
     };
     let training = TrainingSet::with_statistics(
         &rows.observations,
@@ -74,15 +75,15 @@ pub async fn prepare(client: &Client, settings: &Settings) -> Result<Prepared, C
     training.check_actions_vary()?;
     let held_out = match settings.held_out_selection() {
         Some(selection) => {
-            let rows = Rows::select(&demonstrations, &view, selection)?;
+            let rows = Rows::select(&file, &view, selection)?;
             Some(training.like(&rows.observations, rows.actions, rows.past_actions)?)
         }
         None => None,
     };
     let identity = DataIdentity {
         sha256: sha256(&settings.data)?,
-        transitions: demonstrations.transitions(),
-        env_id: demonstrations.env_id().map(str::to_owned),
+        transitions: file.outline().transitions(),
+        env_id: file.outline().env_id.clone(),
     };
     Ok(Prepared { training, held_out, identity, env_id: spec.env_id })
 }
@@ -123,12 +124,8 @@ struct Rows {
 }
 
 impl Rows {
-    fn select(
-        demonstrations: &Demonstrations,
-        view: &View,
-        selection: Selection,
-    ) -> Result<Self, ClientError> {
-        let samples = Samples::select(demonstrations, view, selection)?;
+    fn select(file: &RecordedFile, view: &View, selection: Selection) -> Result<Self, ClientError> {
+        let samples = Samples::select(file, view, selection)?;
         Ok(Self {
             observations: samples.observations.iter().copied().collect(),
             actions: samples.actions.iter().copied().collect(),

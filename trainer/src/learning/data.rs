@@ -1,7 +1,7 @@
 //! Expert data as training wants it: standardised, and with what the likelihood needs of each
 //! action computed once.
 
-use palr_gym_core::standardize::Standardizer;
+use palr_gym_core::standardize::Means;
 
 use crate::learning::error::TrainError;
 
@@ -25,7 +25,31 @@ impl Standardization {
     /// # Errors
     /// [`TrainError::Standardize`] without rows, or with numbers that are not finite.
     pub fn of(values: &[f32], d: usize) -> Result<Self, TrainError> {
-        let fitted = Standardizer::fit(values, d)?;
+        Self::of_blocks(d, |visit| {
+            visit(values);
+            Ok(())
+        })
+    }
+
+    /// As [`of`](Self::of), of rows that `for_each_block` shows block by block, twice.
+    ///
+    /// # Errors
+    /// As [`of`](Self::of), and those of `for_each_block`.
+    pub fn of_blocks<E: From<TrainError>>(
+        d: usize,
+        mut for_each_block: impl FnMut(&mut dyn FnMut(&[f32])) -> Result<(), E>,
+    ) -> Result<Self, E> {
+        let mut means = Means::new(d).map_err(TrainError::from)?;
+        let mut misfit = Ok(());
+        for_each_block(&mut |block| {
+            if misfit.is_ok() {
+                misfit = means.add(block);
+            }
+        })?;
+        misfit.map_err(TrainError::from)?;
+        let mut deviations = means.finish().map_err(TrainError::from)?;
+        for_each_block(&mut |block| deviations.add(block))?;
+        let fitted = deviations.finish().map_err(TrainError::from)?;
         let narrow = |values: &[f64]| values.iter().map(|&value| value as f32).collect::<Vec<_>>();
         let mut std = narrow(fitted.std());
         // A deviation too small for f32 is none.

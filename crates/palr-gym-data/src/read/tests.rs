@@ -3,7 +3,7 @@ use std::str::FromStr;
 
 use hdf5_metno::types::{VarLenAscii, VarLenUnicode};
 use hdf5_metno::{File, Group, H5Type};
-use ndarray::{Array, Array1, Array2, ArrayView, Axis, Dimension};
+use ndarray::{Array, Array1, Array2, ArrayView, Axis, Dimension, Slice};
 use tempfile::TempDir;
 
 use super::*;
@@ -70,14 +70,18 @@ fn replace<'a, T: H5Type, D: Dimension>(
 
 fn check_reads(what: &str, change: impl FnOnce(&File)) {
     let (_folder, path) = file(change);
-    let read = Demonstrations::read(&path).unwrap_or_else(|error| panic!("{what}: {error}"));
-    assert_eq!(read.observations(), narrow(&observations()), "{what}");
-    assert_eq!(read.actions(), narrow(&actions()), "{what}");
-    assert_eq!(read.rewards(), narrow(&rewards()), "{what}");
-    assert_eq!(read.terminals(), flags(1).mapv(|flag| flag == 1), "{what}");
-    assert_eq!(read.timeouts(), flags(3).mapv(|flag| flag == 1), "{what}");
-    assert_eq!(read.episodes(), [0..2, 2..4, 4..6], "{what}");
-    assert_eq!((read.env_id(), read.transitions()), (None, N), "{what}");
+    let read = RecordedFile::open(&path).unwrap_or_else(|error| panic!("{what}: {error}"));
+    for rows in [0..N, 1..4, 5..6] {
+        let got = read.rows(rows.clone()).unwrap();
+        let part = Slice::from(rows);
+        assert_eq!(got.observations, narrow(&observations()).slice_axis(Axis(0), part), "{what}");
+        assert_eq!(got.actions, narrow(&actions()).slice_axis(Axis(0), part), "{what}");
+        assert_eq!(got.rewards, narrow(&rewards()).slice_axis(Axis(0), part), "{what}");
+    }
+    let outline = read.outline();
+    assert_eq!(outline.episodes, [0..2, 2..4, 4..6], "{what}");
+    assert_eq!((outline.terminated, outline.timed_out), (1, 1), "{what}");
+    assert_eq!((outline.env_id.as_deref(), outline.transitions()), (None, N), "{what}");
 }
 
 /// Every message names the file, then what is wrong in it and what was expected.
@@ -87,7 +91,11 @@ fn check_refused(expected: &str, change: impl FnOnce(&File)) {
 }
 
 fn check_path_refused(expected: &str, path: &Path) {
-    let error = Demonstrations::read(path).unwrap_err().to_string();
+    let read = RecordedFile::open(path).and_then(|file| {
+        let rows = 0..file.outline().transitions();
+        file.rows(rows).map(|_| ())
+    });
+    let error = read.unwrap_err().to_string();
     assert!(error.starts_with(&format!("{}: ", path.display())), "{error}");
     assert!(error.contains(expected), "{error}");
 }
@@ -129,16 +137,17 @@ fn files_are_read_whatever_types_and_ranks_they_use() {
 #[test]
 fn a_file_as_d4rl_and_h5py_write_it_is_read() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("testdata/d4rl_like.hdf5");
-    let read = Demonstrations::read(&path).unwrap();
+    let file = RecordedFile::open(&path).unwrap();
+    let read = file.rows(0..12).unwrap();
     let entry = |(t, j): (usize, usize)| t as f32 + j as f32 / 16.0;
-    assert_eq!(read.observations(), Array2::from_shape_fn((12, 11), entry));
+    assert_eq!(read.observations, Array2::from_shape_fn((12, 11), entry));
     let entry = |(t, j): (usize, usize)| (t as f32 - 6.0) / 8.0 + j as f32 / 32.0;
-    assert_eq!(read.actions(), Array2::from_shape_fn((12, 3), entry));
-    assert_eq!(read.rewards(), Array1::from_shape_fn(12, |t| t as f32 / 4.0));
-    assert_eq!(read.terminals().iter().position(|&flag| flag), Some(4));
-    assert_eq!(read.timeouts().iter().position(|&flag| flag), Some(8));
-    assert_eq!(read.episodes(), [0..5, 5..9, 9..12]);
-    assert_eq!(read.env_id(), None);
+    assert_eq!(read.actions, Array2::from_shape_fn((12, 3), entry));
+    assert_eq!(read.rewards, Array1::from_shape_fn(12, |t| t as f32 / 4.0));
+    let outline = file.outline();
+    assert_eq!(outline.episodes, [0..5, 5..9, 9..12]);
+    assert_eq!((outline.terminated, outline.timed_out), (1, 1));
+    assert_eq!(outline.env_id, None);
 }
 
 #[test]
@@ -149,8 +158,9 @@ fn the_environment_is_read_from_any_kind_of_string() {
             let dataset = group.new_dataset::<T>().create("env_id").unwrap();
             dataset.write_scalar(value).unwrap();
         });
-        let read = Demonstrations::read(&path).unwrap();
-        assert_eq!(read.env_id(), Some("hopper-v0"), "{:?}", T::type_descriptor());
+        let read = RecordedFile::open(&path).unwrap();
+        let env_id = read.outline().env_id.as_deref();
+        assert_eq!(env_id, Some("hopper-v0"), "{:?}", T::type_descriptor());
     }
     check(&VarLenUnicode::from_str("hopper-v0").unwrap());
     check(&VarLenAscii::from_ascii("hopper-v0").unwrap());
@@ -310,5 +320,5 @@ fn a_file_that_is_being_written_is_not_called_damaged() {
     writer.lock().unwrap();
     check_path_refused("cannot read the file: ", &path);
     writer.unlock().unwrap();
-    assert!(Demonstrations::read(&path).is_ok());
+    assert!(RecordedFile::open(&path).is_ok());
 }

@@ -4,7 +4,7 @@ use ndarray::{Array1, s};
 use proptest::prelude::*;
 
 use super::*;
-use crate::demonstrations::Arrays;
+use crate::demonstrations::{Arrays, Demonstrations};
 use crate::selection::HeldOut;
 
 const D: usize = 5;
@@ -117,14 +117,16 @@ proptest! {
         let mut agent = FrameStack::new(view.mask_indices.len(), view.frame_stack);
         let mut seen = Vec::new();
         let mut is_new_episode = true;
-        for t in 0..demonstrations.transitions() {
+        let outline = demonstrations.outline();
+        let all = demonstrations.rows(0..outline.transitions()).unwrap();
+        for t in 0..outline.transitions() {
             if is_new_episode {
                 agent.clear();
             }
-            let full = demonstrations.observations().row(t);
+            let full = all.observations.row(t);
             agent.push(view.mask_indices.iter().map(|&index| f64::from(full[index])));
             seen.push(agent.stacked().to_vec());
-            is_new_episode = demonstrations.terminals()[t] || demonstrations.timeouts()[t];
+            is_new_episode = outline.episodes.iter().any(|episode| episode.end == t + 1);
         }
         let selection = HeldOut::slice(start, rows).after(0);
         let samples = Samples::select(&demonstrations, &view, selection).unwrap();
@@ -136,7 +138,7 @@ proptest! {
     #[test]
     fn a_row_is_the_same_sample_in_every_selection((lengths, view, start, rows) in cases()) {
         let demonstrations = demonstrations(&lengths);
-        let n = demonstrations.transitions();
+        let n = demonstrations.outline().transitions();
         let all = Samples::select(&demonstrations, &view, Selection::first(n)).unwrap();
         prop_assert_eq!(&all.episode_lengths, &lengths);
         let episodes = 1 + rows % lengths.len();
@@ -146,7 +148,7 @@ proptest! {
         ] {
             let some = Samples::select(&demonstrations, &view, selection).unwrap();
             let mut slot = 0;
-            for range in selection.row_ranges(&demonstrations).unwrap() {
+            for range in selection.row_ranges(demonstrations.outline()).unwrap() {
                 let (from, to) = (s![range.clone(), ..], s![slot..slot + range.len(), ..]);
                 prop_assert_eq!(some.observations.slice(to), all.observations.slice(from));
                 prop_assert_eq!(some.actions.slice(to), all.actions.slice(from));

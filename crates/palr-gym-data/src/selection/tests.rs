@@ -6,7 +6,8 @@ use ndarray::{Array1, Array2};
 use proptest::prelude::*;
 
 use super::*;
-use crate::demonstrations::Arrays;
+use crate::demonstrations::{Arrays, Demonstrations};
+use crate::recording::Recording;
 
 /// Episodes of the given lengths, the last one without a flag.
 fn demonstrations(lengths: &[usize]) -> Demonstrations {
@@ -28,7 +29,7 @@ fn demonstrations(lengths: &[usize]) -> Demonstrations {
 }
 
 fn check(lengths: &[usize], selection: Selection, expected: Result<&[Range<usize>], &str>) {
-    match (selection.row_ranges(&demonstrations(lengths)), expected) {
+    match (selection.row_ranges(demonstrations(lengths).outline()), expected) {
         (Ok(got), Ok(expected)) => assert_eq!(got, expected, "{selection:?}"),
         (Err(error), Err(expected)) => {
             assert!(error.to_string().contains(expected), "{selection:?}: {error}");
@@ -96,14 +97,14 @@ proptest! {
     ) {
         let demonstrations = demonstrations(&lengths);
         let selection = HeldOut::spread(rows, min_episodes).after(training_rows);
-        let unseen: Vec<&Range<usize>> = demonstrations
-            .episodes()
+        let unseen: Vec<&Range<usize>> = demonstrations.outline()
+            .episodes
             .iter()
             .filter(|episode| episode.start >= training_rows)
             .collect();
         let available: usize = unseen.iter().map(|episode| episode.len()).sum();
         let is_possible = available >= rows && unseen.len().min(rows) >= min_episodes;
-        let ranges = selection.row_ranges(&demonstrations);
+        let ranges = selection.row_ranges(demonstrations.outline());
         prop_assert_eq!(ranges.is_ok(), is_possible);
         let Ok(ranges) = ranges else { return Ok(()) };
         prop_assert_eq!(ranges.iter().map(ExactSizeIterator::len).sum::<usize>(), rows);
@@ -122,7 +123,7 @@ proptest! {
         for (range, home) in ranges.iter().zip(homes.unwrap()) {
             prop_assert!(range.len() + 1 >= longest || range.len() == unseen[home].len());
         }
-        prop_assert_eq!(selection.row_ranges(&demonstrations), Ok(ranges));
+        prop_assert_eq!(selection.row_ranges(demonstrations.outline()), Ok(ranges));
     }
 
     #[test]
@@ -130,13 +131,13 @@ proptest! {
         lengths in prop::collection::vec(1..9usize, 1..9), start in 0..40usize, rows in 1..40usize,
     ) {
         let demonstrations = demonstrations(&lengths);
-        let Ok(ranges) = HeldOut::slice(start, rows).after(0).row_ranges(&demonstrations) else {
-            prop_assert!(start + rows > demonstrations.transitions());
+        let Ok(ranges) = HeldOut::slice(start, rows).after(0).row_ranges(demonstrations.outline()) else {
+            prop_assert!(start + rows > demonstrations.outline().transitions());
             return Ok(());
         };
         let flat: Vec<usize> = ranges.iter().cloned().flatten().collect();
         prop_assert_eq!(flat, (start..start + rows).collect::<Vec<_>>());
-        for episode in demonstrations.episodes() {
+        for episode in &demonstrations.outline().episodes {
             let inside = |range: &&Range<usize>| episode.contains(&range.start);
             prop_assert!(ranges.iter().filter(inside).count() <= 1);
         }

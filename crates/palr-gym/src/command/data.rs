@@ -4,8 +4,8 @@ mod copies;
 mod histograms;
 
 use faer::Mat;
-use palr_gym_data::statistics::{SATURATED, Spread, Statistics};
-use palr_gym_data::{Demonstrations, Part};
+use palr_gym_data::statistics::{SATURATED, Spread, Statistics, evenly_spaced_actions};
+use palr_gym_data::{Part, RecordedFile, Recording};
 use palr_gym_leakage::{HscicConfig, effective_dimension};
 use serde::Serialize;
 
@@ -76,9 +76,9 @@ struct Finding {
 pub async fn run(arguments: DataArguments) -> anyhow::Result<()> {
     match arguments.command {
         DataCommand::Info(DataInfoArguments { data, plot }) => {
-            let info = describe(&data).await?;
+            let (info, statistics) = describe(&data).await?;
             if let Some(path) = plot {
-                histograms::draw(&path, &data.file)?;
+                histograms::draw(&path, &data.file, &statistics)?;
             }
             if data.json { output::json(&info) } else { print(&info) }
         }
@@ -91,19 +91,20 @@ pub async fn run(arguments: DataArguments) -> anyhow::Result<()> {
     }
 }
 
-async fn describe(arguments: &DataFileArguments) -> anyhow::Result<Info> {
-    let demonstrations = Demonstrations::read(&arguments.file)?;
-    let statistics = Statistics::of(&demonstrations);
-    let env_id = arguments.env.clone().or_else(|| demonstrations.env_id().map(str::to_owned));
+async fn describe(arguments: &DataFileArguments) -> anyhow::Result<(Info, Statistics)> {
+    let file = RecordedFile::open(&arguments.file)?;
+    let outline = file.outline();
+    let statistics = Statistics::of(&file)?;
+    let env_id = arguments.env.clone().or_else(|| outline.env_id.clone());
     let lengths: Vec<f64> = statistics.lengths.iter().map(|&length| length as f64).collect();
     let scores = scores(arguments, env_id.as_deref(), &statistics.returns).await?;
-    let (dimension, rows) = kernel_dimension(&demonstrations)?;
-    Ok(Info {
+    let (dimension, rows) = kernel_dimension(&file)?;
+    let info = Info {
         file: arguments.file.display().to_string(),
         env_id,
-        transitions: demonstrations.transitions(),
-        observation_size: demonstrations.observations().ncols(),
-        action_size: demonstrations.actions().ncols(),
+        transitions: outline.transitions(),
+        observation_size: outline.observation_size,
+        action_size: outline.action_size,
         episodes: statistics.lengths.len(),
         terminated: statistics.terminated,
         timed_out: statistics.timed_out,
@@ -125,7 +126,8 @@ async fn describe(arguments: &DataFileArguments) -> anyhow::Result<Info> {
         effective_dimension_rows: rows,
         repeated_observations: statistics.repeated_observations,
         conflicting_actions: statistics.conflicting_actions,
-    })
+    };
+    Ok((info, statistics))
 }
 
 /// Normalised scores, if the task is known: a name that the file itself brings may be any.
@@ -148,11 +150,11 @@ async fn scores(
     Ok(normalized)
 }
 
-fn kernel_dimension(demonstrations: &Demonstrations) -> anyhow::Result<(f64, usize)> {
-    let actions = demonstrations.actions();
-    let rows = actions.nrows().min(KERNEL_ROWS);
-    let at = |i: usize| i * actions.nrows() / rows;
-    let chosen = Mat::from_fn(rows, actions.ncols(), |i, j| f64::from(actions[[at(i), j]]));
+fn kernel_dimension(file: &RecordedFile) -> anyhow::Result<(f64, usize)> {
+    let actions = evenly_spaced_actions(file, KERNEL_ROWS)?;
+    let rows = actions.len();
+    let width = file.outline().action_size;
+    let chosen = Mat::from_fn(rows, width, |i, j| f64::from(actions[i][j]));
     Ok((effective_dimension(chosen.as_ref(), &HscicConfig::default())?, rows))
 }
 
@@ -210,7 +212,7 @@ fn print(info: &Info) -> anyhow::Result<()> {
 
 async fn verify(arguments: &DataFileArguments) -> anyhow::Result<()> {
     // Layout, lengths, NaN and bounds are checked by reading.
-    let info = describe(arguments).await?;
+    let (info, _) = describe(arguments).await?;
     let saturated = info.actions.iter().map(|action| action.saturated).fold(0.0, f64::max);
     let at_bound: usize = info.actions.iter().map(|action| action.at_bound).sum();
     let constant = info.actions.iter().filter(|action| action.std == 0.0).count();
