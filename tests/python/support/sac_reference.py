@@ -44,6 +44,7 @@ class Recipe:
     rate: float = 3e-4
     discount: float = 0.99
     polyak: float = 0.005
+    actor_every: int = 1
 
 
 @dataclass
@@ -239,8 +240,11 @@ class Run:
             inputs = jnp.concatenate([observations, own_actions], axis=1)
             return jnp.mean(alpha * own_log_density) - policy_value(recipe, critics, inputs)
 
-        value, gradient = jax.value_and_grad(actor_loss)(actor)
-        self.actor.descend(gradient, recipe.rate)
+        losses = {"critic_loss": total, "entropy": float(-log_density.mean())}
+        if (number + 1) % recipe.actor_every == 0:
+            value, gradient = jax.value_and_grad(actor_loss)(actor)
+            self.actor.descend(gradient, recipe.rate)
+            losses["actor_loss"] = float(value)
 
         def nearer(slow: Array, parameter: Array) -> Array:
             return slow + recipe.polyak * (parameter - slow)
@@ -249,14 +253,7 @@ class Run:
             jax.tree.map(nearer, slow, critic)
             for slow, critic in zip(self.slow, critics, strict=True)
         ]
-        self.losses.append(
-            {
-                "critic_loss": total,
-                "actor_loss": float(value),
-                "entropy": float(-log_density.mean()),
-                "temperature": float(alpha),
-            }
-        )
+        self.losses.append({**losses, "temperature": float(alpha)})
 
     def networks(self) -> dict[str, tuple[Numbers, Numbers, Numbers]]:
         """Parameters, first and second moments, flat, by the names in checkpoints."""
