@@ -5,7 +5,8 @@
 //! - [`agent`]: the networks and their update; [`actor`], [`critic`] and [`mlp`] are its parts.
 //! - [`replay`], [`collector`]: transitions, and the environments that they come from.
 //! - [`run`]: the loop, in a folder of its own; [`checkpoint`] is how it survives being killed.
-//! - [`export`]: the finished policy; [`card`]: what is known about it.
+//! - [`export`]: the finished policy; [`card`]: what is known about it; [`fitness`]: whether it can be
+//!   imitated.
 //!
 //! Simulation costs a hundredth of an update, so many environments are stepped side by side and
 //! there are fewer updates than transitions: what is learned from is fresher than with one update a
@@ -18,6 +19,7 @@ pub mod checkpoint;
 pub mod collector;
 pub mod critic;
 pub mod export;
+pub mod fitness;
 pub mod mlp;
 pub mod replay;
 pub mod run;

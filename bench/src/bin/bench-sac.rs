@@ -38,7 +38,8 @@ struct Rate {
 fn main() -> anyhow::Result<()> {
     let cli = Cli::parse();
     let critic = if cli.critic == "tqc" { CriticKind::Tqc } else { CriticKind::Sac };
-    let settings = ExpertSettings { critic, ..ExpertSettings::default() };
+    // As the reference does: the actor with every update.
+    let settings = ExpertSettings { critic, actor_every: 1, ..ExpertSettings::default() };
     let mut generator = Generator::from_seed(0);
     let mut replay = Replay::new(OBSERVATION_SIZE, ACTION_SIZE, TRANSITIONS);
     let mut normals = |count: usize| -> Vec<f32> {

@@ -263,7 +263,7 @@ impl Agent {
             let Network { layers, parameters, .. } = &self.actor;
             let observations = &batch.observations;
             present.gradient(layers, parameters, observations, temperature, value_gradient, flat);
-            self.actor.descend(flat, learning_rate, step)?;
+            self.actor.descend(flat, learning_rate, step / self.rule.actor_every)?;
             losses.actor = Some(f64::from(temperature) * log_density - value);
             losses.value = Some(value);
         }

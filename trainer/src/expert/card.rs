@@ -10,6 +10,7 @@ use crate::client::Client;
 use crate::error::ClientError;
 use crate::evaluate::{EvaluateOptions, Evaluation, evaluate};
 use crate::expert::checkpoint;
+use crate::expert::fitness::Fitness;
 use crate::expert::run::{
     CHECKPOINT_FILE, ExpertManifest, MANIFEST_FILE, ONNX_FILE, SAFETENSORS_FILE,
 };
@@ -54,6 +55,9 @@ pub struct Card {
     pub onnx: FileIdentity,
     /// Of `policy.safetensors`.
     pub safetensors: FileIdentity,
+    /// What plain behaviour cloning of it reached; none if that was not tried.
+    #[serde(default)]
+    pub fitness: Option<Fitness>,
 }
 
 /// Returns over episodes.
@@ -127,6 +131,10 @@ pub async fn measure(client: &Client, folder: &Path, episodes: u32) -> Result<Ca
     let restored = checkpoint::read(&folder.join(CHECKPOINT_FILE))?;
     let restored = restored.ok_or_else(|| missing(CHECKPOINT_FILE))?;
     let best = restored.counters.best.ok_or_else(|| missing("evaluated policy"))?;
+    let earlier = std::fs::read(folder.join(CARD_FILE)).ok();
+    let earlier = earlier.and_then(|bytes| serde_json::from_slice::<Card>(&bytes).ok());
+    let fitness =
+        earlier.and_then(|card| card.fitness).filter(|fitness| fitness.onnx_sha256 == onnx.sha256);
     let curve = read_lines::<EvaluationRecord>(&folder.join(EVALUATIONS_FILE))?;
     let mut measured = Vec::new();
     for action_mode in [ActionMode::Deterministic, ActionMode::Sampled] {
@@ -157,6 +165,7 @@ pub async fn measure(client: &Client, folder: &Path, episodes: u32) -> Result<Ca
         curve: curve.iter().map(|record| (record.step, record.return_mean)).collect(),
         onnx,
         safetensors,
+        fitness,
     })
 }
 

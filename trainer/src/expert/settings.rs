@@ -67,8 +67,9 @@ pub fn to_toml(settings: &ExpertSettings) -> Result<String, TrainError> {
 }
 
 impl Default for ExpertSettings {
-    /// The recipe of Kuznetsov et al. (2020), smaller (two critics of 256-256 instead of five of 512-512-512), for a machine on
-    /// which a simulated step is much cheaper than an update.
+    /// The recipe of Kuznetsov et al. (2020), smaller (two critics of 256-256 instead of five of
+    /// 512-512-512, the actor with every other update), for a machine on which a simulated step is much
+    /// cheaper than an update.
     fn default() -> Self {
         Self {
             env: "hopper".into(),
@@ -84,7 +85,7 @@ impl Default for ExpertSettings {
             learning_rate: 3e-4,
             discount: 0.99,
             polyak: 0.005,
-            actor_every: 1,
+            actor_every: 2,
             hidden: 256,
             quantiles: 25,
             dropped_quantiles: 2,
@@ -104,8 +105,11 @@ impl ExpertSettings {
     pub fn for_task(env: &str) -> Self {
         let defaults = Self::default();
         // Kuznetsov et al. drop more where overestimation hurts most.
-        let dropped_quantiles =
-            if env.starts_with("hopper") { 5 } else { defaults.dropped_quantiles };
+        let dropped_quantiles = match env.split('-').next() {
+            Some("hopper") => 5,
+            Some("halfcheetah") => 0,
+            _ => defaults.dropped_quantiles,
+        };
         Self { env: env.to_owned(), dropped_quantiles, ..defaults }
     }
 

@@ -7,6 +7,7 @@ use std::sync::Arc;
 use anyhow::Context;
 use indicatif::ProgressBar;
 use palr_gym_trainer::expert::card::{CARD_FILE, Card, measure};
+use palr_gym_trainer::expert::fitness::{FitnessOptions, fitness};
 use palr_gym_trainer::expert::{Event, ExpertRun, ExpertSettings, Outcome};
 use palr_gym_trainer::learning::TrainError;
 use palr_gym_trainer::{Client, ClientError};
@@ -17,6 +18,7 @@ use crate::cli::expert::{
     ExpertArguments, ExpertCardArguments, ExpertCommand, ExpertTrainArguments,
 };
 use crate::interrupt::{Interrupted, stop_on_signals};
+use crate::watch::Watch;
 use crate::{backend, build, output, progress};
 
 /// Does what is asked about experts.
@@ -102,20 +104,46 @@ async fn report(
 
 async fn card(arguments: ExpertCardArguments) -> anyhow::Result<()> {
     let client = backend::connect(&arguments.server).await?;
-    let card = write_card(&client, &arguments.folder, arguments.episodes).await?;
+    let (folder, episodes) = (&arguments.folder, arguments.episodes);
+    let mut card = write_card(&client, folder, episodes).await?;
+    if arguments.imitate {
+        let options = FitnessOptions {
+            steps: arguments.imitation_steps,
+            episodes,
+            ..FitnessOptions::default()
+        };
+        let (sender, receiver) = unbounded_channel();
+        let watch = Watch::new("imitator", options.steps, arguments.json);
+        let watching = tokio::spawn(watch.follow(receiver));
+        let expert = (&card.deterministic, card.onnx.sha256.as_str());
+        let run = (build::GIT_REVISION, stop_on_signals(), sender);
+        let measured = fitness(&client, folder, &card.env, expert, options, run).await;
+        // It ends with the run.
+        let _ = watching.await;
+        card.fitness = measured?;
+        if card.fitness.is_none() {
+            let message = "stopped; the same command goes on with the imitator".to_owned();
+            return Err(Interrupted { message }.into());
+        }
+        save_card(folder, &card)?;
+    }
     if arguments.json {
         return output::json(&card);
     }
-    print_card(&arguments.folder, &card);
+    print_card(folder, &card);
     Ok(())
 }
 
 async fn write_card(client: &Client, folder: &Path, episodes: u32) -> anyhow::Result<Card> {
     let card = measure(client, folder, episodes).await?;
-    let path = folder.join(CARD_FILE);
-    let text = serde_json::to_string_pretty(&card)? + "\n";
-    std::fs::write(&path, text).map_err(|error| ClientError::file(&path, error))?;
+    save_card(folder, &card)?;
     Ok(card)
+}
+
+fn save_card(folder: &Path, card: &Card) -> anyhow::Result<()> {
+    let path = folder.join(CARD_FILE);
+    let text = serde_json::to_string_pretty(card)? + "\n";
+    Ok(std::fs::write(&path, text).map_err(|error| ClientError::file(&path, error))?)
 }
 
 fn print_card(folder: &Path, card: &Card) {
@@ -128,6 +156,17 @@ fn print_card(folder: &Path, card: &Card) {
             measured.score_mean,
             measured.return_min,
             measured.episodes,
+        );
+    }
+    if let Some(fitness) = &card.fitness {
+        println!(
+            "{}: imitator ({} transitions, {} steps of behaviour cloning): return {:.1}, {:.0} % of the \
+             expert's",
+            folder.display(),
+            fitness.transitions,
+            fitness.steps,
+            fitness.imitator.return_mean,
+            100.0 * fitness.share_of_expert,
         );
     }
 }
