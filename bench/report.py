@@ -25,6 +25,7 @@ _HEADINGS: Mapping[str, str] = {
     "idle": "Idling",
     "memory": "Memory",
     "train": "Training",
+    "hours": "The paper's full training, extrapolated",
     "render": "Rendering",
     "features": "Features",
     "sac": "SAC",

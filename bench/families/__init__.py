@@ -1,6 +1,6 @@
 """One module for each first part of a name, and a line here."""
 
-from bench.families import collect, idle, latency, memory, sac, start, step, train
+from bench.families import collect, hours, idle, latency, memory, sac, start, step, train
 from bench.plan import Group
 
 
@@ -13,6 +13,7 @@ def groups() -> list[Group]:
         *idle.groups(),
         *memory.groups(),
         *train.groups(),
+        *hours.groups(),
         *sac.groups(),
         *collect.groups(),
     ]

@@ -13,6 +13,7 @@ use serde::Serialize;
 use serde_json::json;
 
 const ROWS: usize = 30_000;
+const EPISODE_ROWS: usize = 1000;
 
 #[derive(Debug, Parser)]
 #[command(about = "Measures what a training step costs")]
@@ -24,9 +25,13 @@ struct Cli {
     /// hopper-w2 or ant-w4.
     #[arg(long)]
     setting: String,
-    /// Steps to measure, after as many to warm up, or more to fill a pool.
+    /// Steps to measure.
     #[arg(long)]
     steps: u64,
+    /// Steps before the clock starts, which also fill a pool; --steps must be a multiple [default: as many
+    /// as are measured].
+    #[arg(long)]
+    warm_up: Option<u64>,
 }
 
 #[derive(Debug, Serialize)]
@@ -56,7 +61,7 @@ fn data(setting: &str) -> anyhow::Result<TrainingSet> {
     past_actions.rotate_right(action_size);
     let set =
         TrainingSet::new(&observations, observation_size, actions, past_actions, action_size)?;
-    Ok(set.with_frame_stack(frame_stack)?)
+    Ok(set.with_frame_stack(frame_stack)?.with_episodes(&[EPISODE_ROWS; ROWS / EPISODE_ROWS])?)
 }
 
 /// CPU seconds of this process, all threads; in ticks of a hundredth.
@@ -77,14 +82,20 @@ fn main() -> anyhow::Result<()> {
     };
     let (weights, is_lockstep) =
         if weights == "lockstep10" { ("exact", true) } else { (weights, false) };
+    let warm_up = cli.warm_up.unwrap_or(cli.steps);
+    anyhow::ensure!(
+        warm_up > 0 && cli.steps.is_multiple_of(warm_up),
+        "--steps {} is no multiple of --warm-up {warm_up}",
+        cli.steps
+    );
     // A pool is full before the clock starts; its size changes what a step costs only by caches.
-    let pool_size = cli.steps.min(64);
+    let pool_size = warm_up.min(64);
     let config = |seed: u64| {
         TrainConfig::from_json(json!({
             "algorithm": algorithm,
-            "steps": 2 * cli.steps,
-            "log_every": cli.steps,
-            "checkpoint_every": 4 * cli.steps,
+            "steps": warm_up + cli.steps,
+            "log_every": warm_up,
+            "checkpoint_every": 4 * (warm_up + cli.steps),
             "metric_rows": 2,
             "seed": seed,
             "batch_seed": 0,
@@ -114,7 +125,7 @@ fn main() -> anyhow::Result<()> {
     let (mut started, mut spent) = (0.0, 0.0);
     train_lockstep(&runs, false, &AtomicBool::new(false), |place, progress| {
         let now = cpu_s().unwrap_or(f64::NAN);
-        if place == last && progress.step == cli.steps {
+        if place == last && progress.step == warm_up {
             started = now;
         } else if place == last {
             spent = now - started;
