@@ -1,11 +1,13 @@
 //! The rows that a run trains on, read from a data file.
 
+use std::collections::HashMap;
 use std::fs::File;
 use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::sync::Arc;
 
 use palr_gym_data::{RecordedFile, Recording, Samples, Selection, View};
+use safetensors::tensor::{Dtype, TensorView, serialize};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
@@ -13,9 +15,9 @@ use crate::client::Client;
 use crate::error::ClientError;
 use crate::imitate::settings::{EvaluationSettings, RunSettings, Settings};
 use crate::leakage::view;
-use crate::learning::TrainingSet;
 use crate::learning::config::StatisticsRows;
-use crate::learning::data::Standardization;
+use crate::learning::data::{RowArrays, Standardization};
+use crate::learning::{TrainError, TrainingSet};
 
 /// Which data a run saw.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -86,6 +88,54 @@ pub async fn prepare(client: &Client, settings: &Settings) -> Result<Prepared, C
         env_id: file.outline().env_id.clone(),
     };
     Ok(Prepared { training, held_out, identity, env_id: spec.env_id })
+}
+
+impl Prepared {
+    /// The rows as a method is given them, for whoever wants to train elsewhere. Float32 tensors:
+    /// `training.observations` `[n, w·d]` (masked, stacked, standardised), `training.actions` and
+    /// `training.past_actions` `[n, A]`, the same of `held_out.` if there are such rows, and
+    /// `observation_mean` and `observation_std` `[w·d]`. The metadata tell `env_id`, `data_sha256` and
+    /// `transitions`.
+    ///
+    /// # Errors
+    /// [`ClientError::Train`], which no rows cause.
+    pub fn to_safetensors(&self) -> Result<Vec<u8>, ClientError> {
+        let statistics = self.training.observation_statistics();
+        let mut tensors = vec![
+            ("observation_mean".to_owned(), 0, statistics.mean.as_slice()),
+            ("observation_std".to_owned(), 0, statistics.std.as_slice()),
+        ];
+        let sets = [("training", Some(&self.training)), ("held_out", self.held_out.as_ref())];
+        for (name, set) in sets.into_iter().filter_map(|(name, set)| Some((name, set?))) {
+            let RowArrays { observations, actions, past_actions } = set.arrays();
+            tensors.extend([
+                (format!("{name}.observations"), set.observation_size(), observations),
+                (format!("{name}.actions"), set.action_size(), actions),
+                (format!("{name}.past_actions"), set.action_size(), past_actions),
+            ]);
+        }
+        let failed = |error: safetensors::SafeTensorError| {
+            ClientError::from(TrainError::Tensor(error.to_string()))
+        };
+        let views: Result<Vec<_>, _> = tensors.into_iter().map(tensor).collect();
+        let about = HashMap::from([
+            ("env_id".to_owned(), self.env_id.clone()),
+            ("data_sha256".to_owned(), self.identity.sha256.clone()),
+            ("transitions".to_owned(), self.identity.transitions.to_string()),
+        ]);
+        serialize(views.map_err(failed)?, Some(about)).map_err(failed)
+    }
+}
+
+/// A tensor of rows of `width` entries; of width 0, a list.
+fn tensor(
+    (name, width, values): (String, usize, &[f32]),
+) -> Result<(String, TensorView<'_>), safetensors::SafeTensorError> {
+    let dims = match width {
+        0 => vec![values.len()],
+        width => vec![values.len() / width, width],
+    };
+    Ok((name, TensorView::new(Dtype::F32, dims, bytemuck::cast_slice(values))?))
 }
 
 /// Rows that runs of a process share: what sees the same is in memory once.

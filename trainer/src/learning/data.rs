@@ -94,6 +94,17 @@ pub struct TrainingSet {
     past_action_statistics: Standardization,
 }
 
+/// Rows of a [`TrainingSet`], row-major.
+#[derive(Debug, Clone, Copy)]
+pub struct RowArrays<'a> {
+    /// `[n, observation_size]`, standardised.
+    pub observations: &'a [f32],
+    /// `[n, action_size]`.
+    pub actions: &'a [f32],
+    /// `[n, action_size]`.
+    pub past_actions: &'a [f32],
+}
+
 impl TrainingSet {
     /// Takes raw stacked observations `[n, observation_size]`, actions and past actions
     /// `[n, action_size]`. Statistics are those of these rows.
@@ -256,6 +267,13 @@ impl TrainingSet {
     #[must_use]
     pub fn observation_statistics(&self) -> &Standardization {
         &self.observation_statistics
+    }
+
+    /// All rows.
+    #[must_use]
+    pub fn arrays(&self) -> RowArrays<'_> {
+        let Self { observations, actions, past_actions, .. } = self;
+        RowArrays { observations, actions, past_actions }
     }
 
     /// The given rows, standardised.

@@ -2,6 +2,7 @@
 
 mod copies;
 mod histograms;
+mod rows;
 
 use faer::Mat;
 use palr_gym_data::statistics::{SATURATED, Spread, Statistics, evenly_spaced_actions};
@@ -84,6 +85,7 @@ pub async fn run(arguments: DataArguments) -> anyhow::Result<()> {
         }
         DataCommand::Verify(arguments) => verify(&arguments).await,
         DataCommand::Convert(arguments) => copies::run(&arguments, &Part::default()),
+        DataCommand::Prepare(arguments) => rows::write(&arguments).await,
         DataCommand::Slice(arguments) => {
             let DataSliceArguments { convert, first_episode, episodes, transitions } = arguments;
             copies::run(&convert, &Part { first_episode, episodes, transitions })
