@@ -141,6 +141,15 @@ def test_a_stopped_or_killed_run_goes_on_and_what_it_exports_is_whole(tmp_path: 
     assert card == json.loads((folder / "card.json").read_text())
     assert card["curve"]
     assert card["resumed"] == 1
+
+    drawing = [str(binary()), "expert", "plot", str(folder), "--out", str(tmp_path / "curve")]
+    subprocess.run(drawing, check=True, capture_output=True, timeout=30)
+    assert "return of the mean action" in (tmp_path / "curve.svg").read_text()
+    assert (tmp_path / "curve.png").read_bytes().startswith(b"\x89PNG")
+    drawing[3] = str(folder / "expert.json")
+    refused = subprocess.run(drawing, capture_output=True, text=True, check=False, timeout=30)
+    assert refused.returncode == 1
+    assert "expert.json is no model card" in refused.stderr
     assert card["onnx"]["bytes"] == (folder / "policy.onnx").stat().st_size
 
     other = subprocess.run(

@@ -25,6 +25,8 @@ pub enum ExpertCommand {
     Train(ExpertTrainArguments),
     /// Measure the best policy of a run and write its model card.
     Card(ExpertCardArguments),
+    /// Draw how the returns of experts grew.
+    Plot(ExpertPlotArguments),
 }
 
 /// `palr-gym expert train`
@@ -143,4 +145,17 @@ pub struct ExpertCardArguments {
     /// Print the card as JSON.
     #[arg(long)]
     pub json: bool,
+}
+
+/// `palr-gym expert plot`
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Example: palr-gym expert plot scenes/experts/hopper.json scenes/experts/walker2d.json --out experts")]
+pub struct ExpertPlotArguments {
+    /// Model cards, or folders that hold one.
+    #[arg(value_name = "CARD", required = true)]
+    pub cards: Vec<PathBuf>,
+    /// Writes PATH.svg and PATH.png.
+    #[arg(long, value_name = "PATH")]
+    pub out: PathBuf,
 }

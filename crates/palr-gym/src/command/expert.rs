@@ -1,5 +1,7 @@
 //! `palr-gym expert`
 
+mod plot;
+
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -26,6 +28,7 @@ pub async fn run(arguments: ExpertArguments) -> anyhow::Result<()> {
     match arguments.command {
         ExpertCommand::Train(arguments) => train(arguments).await,
         ExpertCommand::Card(arguments) => card(arguments).await,
+        ExpertCommand::Plot(arguments) => plot::run(&arguments),
     }
 }
 
