@@ -1,0 +1,67 @@
+"""Writes the table of experts in scenes/experts/README.md from their model cards.
+
+.venv/bin/python scripts/expert_cards.py
+"""
+
+import json
+from pathlib import Path
+from typing import Any
+
+EXPERTS = Path(__file__).resolve().parent.parent / "scenes" / "experts"
+START = "<!-- cards:start -->"
+END = "<!-- cards:end -->"
+
+_HEAD = [
+    *("expert", "mean action", "sampled", "imitator", "made by"),
+    *("transitions, updates, hours", "sha256 of the ONNX"),
+]
+
+
+def cards() -> dict[str, dict[str, Any]]:
+    """What `palr-gym expert card` wrote, by task."""
+    return {path.stem: json.loads(path.read_text()) for path in sorted(EXPERTS.glob("*.json"))}
+
+
+def table() -> str:
+    """All cards as Markdown."""
+    head = [f"| {' | '.join(_HEAD)} |", f"|{'---|' * len(_HEAD)}"]
+    return "\n".join([*head, *(_row(task, card) for task, card in cards().items())])
+
+
+def with_table(readme: str) -> str:
+    """`readme` with a new table between its markers."""
+    head, _, rest = readme.partition(START)
+    _, _, tail = rest.partition(END)
+    return f"{head}{START}\n{table()}\n{END}{tail}"
+
+
+def _row(task: str, card: dict[str, Any]) -> str:
+    fitness = card["fitness"]
+    hours = card["wall_time_s"] / 3600
+    cells = [
+        f"`{task}`",
+        _measured(card["deterministic"]),
+        _measured(card["sampled"]),
+        f"{100 * fitness['share_of_expert']:.0f} %" if fitness else "not tried",
+        f"`{card['command']}`",
+        f"{_spaced(card['steps'])}, {_spaced(card['updates'])}, {hours:.1f}",
+        f"`{card['onnx']['sha256']}`",
+    ]
+    return f"| {' | '.join(cells)} |"
+
+
+def _spaced(count: int) -> str:
+    # Spaces between thousands, which no locale takes for a decimal point.
+    return f"{count:,}".replace(",", " ")
+
+
+def _measured(measured: dict[str, Any]) -> str:
+    return (
+        f"{measured['return_mean']:.1f} ± {measured['return_standard_error']:.1f}, score "
+        f"**{measured['score_mean']:.1f}**"
+    )
+
+
+if __name__ == "__main__":
+    path = EXPERTS / "README.md"
+    path.write_text(with_table(path.read_text()))
