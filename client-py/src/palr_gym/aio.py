@@ -59,6 +59,7 @@ from palr_gym.evaluation import (
 )
 from palr_gym.policies import PolicySource
 from palr_gym.results import Shapes, StepResult, step_result
+from palr_gym.scene_options import SceneOptions
 from palr_gym.session import (
     ObservationDtype,
     OutOfBounds,
@@ -119,6 +120,7 @@ class Client:
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         out_of_bounds: OutOfBounds = "reject",
         observation_dtype: ObservationDtype = "float64",
+        scene_options: SceneOptions | None = None,
     ) -> "Session":
         """Opens environments to step. Arguments as of `palr_gym.Client.open_session`."""
         request = open_session_request(
@@ -127,6 +129,7 @@ class Client:
             autoreset_mode=parse_autoreset_mode(autoreset_mode),
             out_of_bounds=out_of_bounds,
             observation_dtype=observation_dtype,
+            scene_options=scene_options,
         )
         asked = f"opening {num_envs} environment(s) of {env_id}"
         return Session(self, await self.unary(OPEN_SESSION, request, asked=asked))
@@ -140,13 +143,20 @@ class Client:
         seed: SupportsIndex = 0,
         sampled: bool = False,
         num_envs: SupportsIndex | None = None,
+        scene_options: SceneOptions | None = None,
         on_episode: Callable[[EpisodeResult], None] | None = None,
         timeout_s: float | None = None,
         stall_timeout_s: float = DEFAULT_STALL_TIMEOUT_S,
     ) -> Evaluation:
         """Plays whole episodes on the server. Arguments as of `palr_gym.evaluate`."""
         request = evaluation_request(
-            env_id, policy, episodes=episodes, seed=seed, sampled=sampled, num_envs=num_envs
+            env_id,
+            policy,
+            episodes=episodes,
+            seed=seed,
+            sampled=sampled,
+            num_envs=num_envs,
+            scene_options=scene_options,
         )
         results = EvaluationResults(policy, request, self.server, on_episode)
         messages = self._server_stream(

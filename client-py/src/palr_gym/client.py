@@ -24,6 +24,7 @@ from palr_gym.evaluation import (
 )
 from palr_gym.policies import PolicySource
 from palr_gym.results import RestoredState
+from palr_gym.scene_options import SceneOptions
 from palr_gym.session import ObservationDtype, OutOfBounds, Session
 
 __all__ = ["DEFAULT_SERVER", "SERVER_VARIABLE", "Client"]
@@ -99,6 +100,7 @@ class Client:
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         out_of_bounds: OutOfBounds = "reject",
         observation_dtype: ObservationDtype = "float64",
+        scene_options: SceneOptions | None = None,
     ) -> Session:
         """Opens environments to step; `RemoteEnv` and `RemoteVectorEnv` give them Gymnasium's face.
 
@@ -108,6 +110,7 @@ class Client:
             autoreset_mode: What happens to an environment whose episode has ended.
             out_of_bounds: What happens to an action outside the action space.
             observation_dtype: Element type of observations on the wire and in arrays.
+            scene_options: Of a driving task; None: the defaults.
         """
         return Session(
             self._connection,
@@ -116,6 +119,7 @@ class Client:
             autoreset_mode=autoreset_mode,
             out_of_bounds=out_of_bounds,
             observation_dtype=observation_dtype,
+            scene_options=scene_options,
         )
 
     def open_snapshot(self, snapshot: bytes) -> tuple[Session, RestoredState]:
@@ -135,6 +139,7 @@ class Client:
         seed: SupportsIndex = 0,
         sampled: bool = False,
         num_envs: SupportsIndex | None = None,
+        scene_options: SceneOptions | None = None,
         on_episode: Callable[[EpisodeResult], None] | None = None,
         timeout_s: float | None = None,
         stall_timeout_s: float = DEFAULT_STALL_TIMEOUT_S,
@@ -148,6 +153,7 @@ class Client:
             seed=seed,
             sampled=sampled,
             num_envs=num_envs,
+            scene_options=scene_options,
             on_episode=on_episode,
             timeout_s=timeout_s,
             stall_timeout_s=stall_timeout_s,
@@ -163,6 +169,7 @@ class Client:
         seed: SupportsIndex = 0,
         sampled: bool = False,
         num_envs: SupportsIndex | None = None,
+        scene_options: SceneOptions | None = None,
         on_episode: Callable[[CollectedEpisode], None] | None = None,
         timeout_s: float | None = None,
         stall_timeout_s: float = DEFAULT_STALL_TIMEOUT_S,
@@ -177,6 +184,7 @@ class Client:
             seed=seed,
             sampled=sampled,
             num_envs=num_envs,
+            scene_options=scene_options,
             on_episode=on_episode,
             timeout_s=timeout_s,
             stall_timeout_s=stall_timeout_s,

@@ -7,7 +7,7 @@ use palr_gym_trainer::PolicySource;
 use palr_gym_trainer::film::{FilmOptions, Frame, Look, film, picture};
 
 use super::evaluate::action_mode;
-use crate::cli::render::{RenderArguments, WeatherChoice};
+use crate::cli::render::RenderArguments;
 use crate::movie::{Movie, png};
 use crate::{backend, progress};
 
@@ -38,7 +38,7 @@ pub async fn run(arguments: RenderArguments) -> anyhow::Result<()> {
         policy: PolicySource::parse(&arguments.policy),
         seed: arguments.seed,
         action_mode: action_mode(arguments.sampled),
-        has_random_weather: arguments.weather == WeatherChoice::Random,
+        scene_options: arguments.scene.options(),
         steps,
         look,
     };
