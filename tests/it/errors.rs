@@ -126,7 +126,10 @@ async fn wrong_rollouts_are_refused() {
     for (request, expected) in [
         (scene("hopper", vehicles(1)), "task \"hopper\" has no scene options"),
         (scene("lane", vehicles(1)), "task \"lane\" has no scene option \"vehicles\""),
-        (scene("lane", probability), "lead_car_probability is 1.5; expected a number within [0, 1]"),
+        (
+            scene("lane", probability),
+            "lead_car_probability is 1.5; expected a number within [0, 1]",
+        ),
         (scene("town", probability), "task \"town\" has no scene option \"lead_car_probability\""),
         (scene("town", vehicles(9)), "vehicles is 9; expected 0 to 8"),
     ] {

@@ -16,7 +16,7 @@ import palr_gym
 from palr_gym import Client, errors
 from support.server_process import ROOT, ServerProcess, running_server
 
-# Draws a driving scene with MuJoCo's own renderer, at twice the size and averaged, from the state in
+# Draws a driving scene with MuJoCo's own renderer, at twice the size and averaged, from a state in
 # its arguments. In a process of its own: MuJoCo for Python chooses its OpenGL when it is imported.
 PEER = """
 import json, sys
