@@ -284,6 +284,7 @@ pub(crate) fn scene_options(options: v1::SceneOptions) -> Result<SceneOptions, S
     let default = SceneOptions::default();
     Ok(SceneOptions {
         lead_car_probability: options.lead_car_probability.unwrap_or(default.lead_car_probability),
+        vehicles: options.vehicles.unwrap_or(default.vehicles),
         weather: match known(options.weather, "scene_options.weather", "FIXED or RANDOM")? {
             v1::Weather::Unspecified | v1::Weather::Fixed => WeatherMode::Fixed,
             v1::Weather::Random => WeatherMode::Random,

@@ -115,6 +115,27 @@ async fn wrong_rollouts_are_refused() {
     };
     let none = v1::EvaluateRequest { episodes: Some(0), ..base("hopper", Some(random())) };
     let crowd = v1::EvaluateRequest { num_envs: Some(9999), ..base("hopper", Some(random())) };
+    let scene = |env_id: &str, scene_options| v1::EvaluateRequest {
+        scene_options: Some(scene_options),
+        ..base(env_id, Some(random()))
+    };
+    let vehicles = |count| v1::SceneOptions { vehicles: Some(count), ..Default::default() };
+    let probability =
+        v1::SceneOptions { lead_car_probability: Some(1.5), ..v1::SceneOptions::default() };
+    let (bad, text) = (Code::InvalidArgument, "SCENE_OPTIONS");
+    for (request, expected) in [
+        (scene("hopper", vehicles(1)), "task \"hopper\" has no scene options"),
+        (scene("lane", vehicles(1)), "task \"lane\" has no scene option \"vehicles\""),
+        (
+            scene("lane", probability),
+            "lead_car_probability is 1.5; expected a number within [0, 1]",
+        ),
+        (scene("town", probability), "task \"town\" has no scene option \"lead_car_probability\""),
+        (scene("town", vehicles(9)), "vehicles is 9; expected 0 to 8"),
+    ] {
+        let status = service.evaluate(request).await.unwrap_err();
+        check(&status, bad, text, expected);
+    }
     for (request, code, reason, text) in [
         (base("hopper", None), Code::InvalidArgument, "MISSING", "policy is not set"),
         (base("ant", Some(expert())), Code::NotFound, "NO_EXPERT", "for halfcheetah, hopper"),

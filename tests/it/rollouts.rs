@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use palr_gym_proto::v1;
 use palr_gym_proto::v1::collect_request::Amount;
 use palr_gym_trainer::PolicySource;
 use palr_gym_trainer::collect::{CollectOptions, Existing, collect, journal_path};
@@ -17,6 +18,7 @@ fn evaluation(policy: PolicySource, episodes: u32) -> EvaluateOptions {
         seed: 7,
         action_mode: Default::default(),
         num_envs: None,
+        scene_options: None,
     }
 }
 
@@ -28,6 +30,7 @@ fn collection(out: &Path, existing: Existing) -> CollectOptions {
         seed: 5,
         action_mode: Default::default(),
         num_envs: Some(4),
+        scene_options: None,
         out: out.to_path_buf(),
         existing,
     }
@@ -99,5 +102,44 @@ async fn recordings_of_different_things_are_never_joined() {
     assert!(refused.to_string().contains("seed = 5, not 6"), "{refused}");
     assert!(std::fs::read(&out).unwrap() == before);
     let same = collect(&client, &collection(&out, Existing::Resume), |_| {}).await.unwrap();
+    assert!(same.was_complete);
+}
+
+#[tokio::test]
+async fn scene_options_reach_rollouts_and_are_recorded() {
+    let server = TestServer::with_defaults().await;
+    let client = server.client().await;
+    let with = |options: v1::SceneOptions| EvaluateOptions {
+        env_id: "lane".into(),
+        scene_options: Some(options),
+        ..evaluation(PolicySource::Expert, 3)
+    };
+    let led = |probability| v1::SceneOptions {
+        lead_car_probability: Some(probability),
+        ..v1::SceneOptions::default()
+    };
+    let free = evaluate(&client, &with(led(0.0)), |_| {}).await.unwrap();
+    let behind = evaluate(&client, &with(led(1.0)), |_| {}).await.unwrap();
+    // Nobody cruises behind a car that stops and goes.
+    assert!(free.return_mean > behind.return_mean + 50.0, "{free:?} {behind:?}");
+    let random = v1::SceneOptions { weather: v1::Weather::Random.into(), ..led(0.0) };
+    assert_eq!(evaluate(&client, &with(random), |_| {}).await.unwrap().episodes, free.episodes);
+
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("lane.hdf5");
+    let record = |options, existing| CollectOptions {
+        env_id: "lane".into(),
+        policy: PolicySource::Expert,
+        amount: Amount::Transitions(100),
+        scene_options: options,
+        ..collection(&out, existing)
+    };
+    collect(&client, &record(Some(led(0.0)), Existing::Keep), |_| {}).await.unwrap();
+    for other in [None, Some(led(1.0))] {
+        let refused = collect(&client, &record(other, Existing::Resume), |_| {}).await.unwrap_err();
+        let recorded = r#"scene_options = {"weather":null,"lead_car_probability":0.0,"#;
+        assert!(refused.to_string().contains(recorded), "{refused}");
+    }
+    let same = collect(&client, &record(Some(led(0.0)), Existing::Resume), |_| {}).await.unwrap();
     assert!(same.was_complete);
 }

@@ -139,8 +139,15 @@ async fn nothing_about_the_way_changes_a_bit() {
         let config = ServerConfig { simulation_threads, ..ServerConfig::default() };
         servers.push(TestServer::start(config).await);
     }
-    let env_ids =
-        ["hopper-w2", "walker2d-gym5-w3", "halfcheetah", "ant-gym5", "lane-full-w2", "toy-w2"];
+    let env_ids = [
+        "hopper-w2",
+        "walker2d-gym5-w3",
+        "halfcheetah",
+        "ant-gym5",
+        "lane-full-w2",
+        "town",
+        "toy-w2",
+    ];
     for env_id in env_ids {
         let expected = in_one_vector(&in_process(2).await, env_id).await;
         assert_eq!((expected.len(), expected[0].len()), (NUM_ENVS, STEPS));

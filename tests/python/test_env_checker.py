@@ -26,7 +26,7 @@ def test_all_promised_ids_are_registered() -> None:
         for task in ("hopper", "walker2d", "halfcheetah", "ant")
         for fidelity in ("", "-gym5")
     }
-    assert registered == expected | {"palr_gym/lane-v0", "palr_gym/toy-v0"}
+    assert registered == expected | {"palr_gym/lane-v0", "palr_gym/town-v0", "palr_gym/toy-v0"}
 
 
 @pytest.mark.filterwarnings("ignore:.*A Box observation space m.*imum value is -?infinity")

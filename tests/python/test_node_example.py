@@ -86,7 +86,7 @@ def test_it_steps_as_gymnasium_does_and_evaluates_as_the_python_client_does(serv
     evaluation = palr_gym.evaluate("hopper-w2", "random", episodes=5, server=server)
     assert got["returns"] == [episode.episode_return for episode in evaluation.episodes]
     assert got["scoreMean"] == evaluation.score_mean
-    assert got["tasks"] == ["ant", "halfcheetah", "hopper", "lane", "toy", "walker2d"]
+    assert got["tasks"] == ["ant", "halfcheetah", "hopper", "lane", "town", "toy", "walker2d"]
 
 
 @pytest.mark.usefixtures("built")

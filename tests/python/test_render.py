@@ -16,8 +16,8 @@ import palr_gym
 from palr_gym import Client, errors
 from support.server_process import ROOT, ServerProcess, running_server
 
-# Draws the lane scene with MuJoCo's own renderer, at twice the size and averaged, from the state on
-# stdin. In a process of its own: MuJoCo for Python chooses its OpenGL when it is imported.
+# Draws a driving scene with MuJoCo's own renderer, at twice the size and averaged, from a state in
+# its arguments. In a process of its own: MuJoCo for Python chooses its OpenGL when it is imported.
 PEER = """
 import json, sys
 import mujoco, numpy as np
@@ -53,32 +53,44 @@ def opengl(shared_server: ServerProcess) -> str:
     return info.library
 
 
-def test_frames_are_those_of_mujocos_own_renderer(opengl: str, server: str, tmp_path: Path) -> None:
-    scene_options = palr_gym.SceneOptions(lead_car_probability=0.0)
+@pytest.mark.parametrize(
+    ("task", "seed", "scene_options"),
+    # The file of the town shows the map of seed 0 to those who know of no other.
+    [("lane", 4, {"lead_car_probability": 0.0}), ("town", 0, {"vehicles": 0})],
+)
+def test_frames_are_those_of_mujocos_own_renderer(
+    task: str,
+    seed: int,
+    scene_options: palr_gym.SceneOptions,
+    opengl: str,
+    server: str,
+    tmp_path: Path,
+) -> None:
     frames: dict[str, NDArray[np.uint8]] = {}
     for camera in ("driver", "top"):
         with palr_gym.make(
-            "lane",
+            task,
             server=server,
             render_mode="rgb_array",
             camera=camera,
             render_size=(48, 48),
             scene_options=scene_options,
         ) as env:
-            env.reset(seed=4)
+            env.reset(seed=seed)
             frame = env.render()
             assert frame is not None
             frames[camera] = frame
     with Client(server) as client:
-        # A reset draws the lead car after everything that is seen here.
-        dataset = client.collect("lane", "expert", transitions=1, seed=4)
+        dataset = client.collect(
+            task, "expert", transitions=1, seed=seed, scene_options=scene_options
+        )
     qpos: list[float] = dataset.infos_qpos[0].tolist()
     subprocess.run(
         [
             sys.executable,
             "-c",
             PEER,
-            str(ROOT / "scenes" / "lane.xml"),
+            str(ROOT / "scenes" / f"{task}.xml"),
             json.dumps(qpos),
             str(tmp_path),
         ],
@@ -182,6 +194,10 @@ def test_an_impossible_picture_is_refused(
         ("lane", {"lead_car_probability": 1.5}, "lead_car_probability is 1.5; expected .*0, 1"),
         ("lane", {"weather": "snow"}, "'snow'; expected one of"),
         ("lane", {"traffic": 3}, "'traffic'; expected some of"),
+        ("lane", {"vehicles": 3}, 'task "lane" has no scene option "vehicles"; expected some of'),
+        ("town", {"vehicles": 9}, "vehicles is 9; expected 0 to 8"),
+        ("town", {"vehicles": -1}, "vehicles is -1; expected an integer"),
+        ("town", {"lead_car_probability": 0.5}, 'task "town" has no scene option "lead_car_prob'),
         ("hopper", {"weather": "random"}, 'task "hopper" has no scene options'),
     ],
 )
@@ -190,6 +206,10 @@ def test_scene_options_are_checked(
 ) -> None:
     with pytest.raises(errors.InvalidArgument, match=words):
         palr_gym.make(env_id, server=server, scene_options=scene_options)
+    with pytest.raises(errors.InvalidArgument, match=words):
+        palr_gym.evaluate(env_id, "random", server=server, scene_options=scene_options)
+    with pytest.raises(errors.InvalidArgument, match=words):
+        palr_gym.collect(env_id, "random", episodes=1, server=server, scene_options=scene_options)
 
 
 def test_a_server_without_opengl_says_what_to_do() -> None:

@@ -35,7 +35,7 @@ FACTS = {
 
 def test_every_task_is_listed_with_its_facts(client: Client) -> None:
     tasks = {task.name: task for task in client.tasks()}
-    assert list(tasks) == sorted([*TASKS, "lane", "toy"])
+    assert list(tasks) == sorted([*TASKS, "lane", "town", "toy"])
     assert [profile.name for profile in tasks["toy"].fidelity_profiles] == ["gym4"]
     for name, facts in FACTS.items():
         task = tasks[name]

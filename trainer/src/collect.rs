@@ -4,6 +4,8 @@
 //! written from the journal under another name and renamed. So the file is whole or absent, and
 //! an interruption at any moment costs at most the episodes that were in flight.
 
+mod scene_record;
+
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
@@ -15,6 +17,7 @@ use palr_gym_proto::v1::collect_response::Response;
 use prost::Message;
 use serde::{Deserialize, Serialize};
 
+use self::scene_record::SceneRecord;
 use crate::client::Client;
 use crate::error::ClientError;
 use crate::evaluate::wire_action_mode;
@@ -36,6 +39,8 @@ pub struct CollectOptions {
     pub action_mode: ActionMode,
     /// Environments side by side; the server chooses if unset.
     pub num_envs: Option<u32>,
+    /// Of a driving task; the defaults if unset.
+    pub scene_options: Option<v1::SceneOptions>,
     /// The HDF5 file.
     pub out: PathBuf,
     /// What to do about what is there already.
@@ -80,7 +85,7 @@ pub struct Progress {
 
 /// What is being collected: the first record of a journal, and `metadata/request` of a file. Two
 /// recordings may be joined only if these are equal.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 struct Header {
     env_id: String,
     policy: String,
@@ -90,6 +95,9 @@ struct Header {
     num_envs: u32,
     transitions: Option<u64>,
     episodes: Option<u32>,
+    /// Those that were chosen.
+    #[serde(default)]
+    scene_options: Option<SceneRecord>,
     palr_gym_version: String,
     mujoco_version: String,
 }
@@ -204,6 +212,7 @@ impl Header {
             num_envs: options.num_envs.unwrap_or(self.num_envs),
             transitions,
             episodes,
+            scene_options: options.scene_options.as_ref().map(SceneRecord::of),
             ..self.clone()
         }
     }
@@ -315,6 +324,7 @@ impl Recording {
             action_mode: wire_action_mode(options.action_mode).into(),
             num_envs: options.num_envs,
             first_episode: self.progress.episodes,
+            scene_options: options.scene_options,
         };
         let mut service = client.collections();
         let mut stream = client.within(service.collect(request)).await?.into_inner();
@@ -360,6 +370,7 @@ fn header(
         seed: 0,
         transitions: None,
         episodes: None,
+        scene_options: None,
     };
     Ok(server_side.as_asked(options))
 }

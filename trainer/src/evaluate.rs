@@ -24,6 +24,8 @@ pub struct EvaluateOptions {
     pub action_mode: ActionMode,
     /// Environments side by side; the server chooses if unset.
     pub num_envs: Option<u32>,
+    /// Of a driving task; the defaults if unset.
+    pub scene_options: Option<v1::SceneOptions>,
 }
 
 /// One finished episode.
@@ -105,6 +107,7 @@ pub async fn evaluate(
         seed: options.seed,
         action_mode: wire_action_mode(options.action_mode).into(),
         num_envs: options.num_envs,
+        scene_options: options.scene_options,
     };
     let mut service = client.evaluations();
     let mut stream = client.within(service.evaluate(request)).await?.into_inner();

@@ -33,8 +33,8 @@ pub struct FilmOptions {
     pub seed: u64,
     /// Deterministic or sampled actions.
     pub action_mode: ActionMode,
-    /// Weather of a driving scene drawn at the reset.
-    pub has_random_weather: bool,
+    /// Of a driving task; the defaults if unset.
+    pub scene_options: Option<v1::SceneOptions>,
     /// Steps at most; all of the episode's if unset.
     pub steps: Option<usize>,
     /// How to look.
@@ -83,14 +83,10 @@ pub async fn film(
     mut on_frame: impl FnMut(Frame) -> Result<(), ClientError>,
 ) -> Result<(), ClientError> {
     let actions = episode_actions(client, options).await?;
-    let scene_options = options.has_random_weather.then(|| v1::SceneOptions {
-        weather: v1::Weather::Random.into(),
-        ..v1::SceneOptions::default()
-    });
     let request = v1::OpenSessionRequest {
         env_id: options.env_id.clone(),
         autoreset_mode: v1::AutoresetMode::Disabled.into(),
-        scene_options,
+        scene_options: options.scene_options,
         ..v1::OpenSessionRequest::default()
     };
     let mut session = Session::open(client, request).await?;
@@ -128,6 +124,7 @@ async fn episode_actions(client: &Client, options: &FilmOptions) -> Result<Vec<f
         action_mode: wire_action_mode(options.action_mode).into(),
         num_envs: Some(1),
         first_episode: 0,
+        scene_options: options.scene_options,
     };
     let mut service = client.collections();
     let mut stream = client.within(service.collect(request)).await?.into_inner();

@@ -33,7 +33,8 @@ from palr_gym.leakage import Hscic, hscic
 from palr_gym.recordings import Recording, load_dataset
 from palr_gym.registration import make, make_vec, register_envs
 from palr_gym.results import DivergedEpisode, ResetResult, RestoredState, StepResult
-from palr_gym.session import SceneOptions, Session
+from palr_gym.scene_options import SceneOptions
+from palr_gym.session import Session
 from palr_gym.specs import (
     EnvironmentSpec,
     Expert,

@@ -24,7 +24,8 @@ from palr_gym.evaluation import (
 )
 from palr_gym.policies import PolicySource
 from palr_gym.results import RestoredState
-from palr_gym.session import ObservationDtype, OutOfBounds, SceneOptions, Session
+from palr_gym.scene_options import SceneOptions
+from palr_gym.session import ObservationDtype, OutOfBounds, Session
 
 __all__ = ["DEFAULT_SERVER", "SERVER_VARIABLE", "Client"]
 
@@ -109,7 +110,7 @@ class Client:
             autoreset_mode: What happens to an environment whose episode has ended.
             out_of_bounds: What happens to an action outside the action space.
             observation_dtype: Element type of observations on the wire and in arrays.
-            scene_options: For driving tasks.
+            scene_options: Of a driving task; None: the defaults.
         """
         return Session(
             self._connection,
@@ -138,6 +139,7 @@ class Client:
         seed: SupportsIndex = 0,
         sampled: bool = False,
         num_envs: SupportsIndex | None = None,
+        scene_options: SceneOptions | None = None,
         on_episode: Callable[[EpisodeResult], None] | None = None,
         timeout_s: float | None = None,
         stall_timeout_s: float = DEFAULT_STALL_TIMEOUT_S,
@@ -151,6 +153,7 @@ class Client:
             seed=seed,
             sampled=sampled,
             num_envs=num_envs,
+            scene_options=scene_options,
             on_episode=on_episode,
             timeout_s=timeout_s,
             stall_timeout_s=stall_timeout_s,
@@ -166,6 +169,7 @@ class Client:
         seed: SupportsIndex = 0,
         sampled: bool = False,
         num_envs: SupportsIndex | None = None,
+        scene_options: SceneOptions | None = None,
         on_episode: Callable[[CollectedEpisode], None] | None = None,
         timeout_s: float | None = None,
         stall_timeout_s: float = DEFAULT_STALL_TIMEOUT_S,
@@ -180,6 +184,7 @@ class Client:
             seed=seed,
             sampled=sampled,
             num_envs=num_envs,
+            scene_options=scene_options,
             on_episode=on_episode,
             timeout_s=timeout_s,
             stall_timeout_s=stall_timeout_s,

@@ -17,6 +17,7 @@ from palr_gym.connection import COLLECT, DEFAULT_DEADLINE_S, Connection
 from palr_gym.errors import InvalidArgument, ServerError
 from palr_gym.evaluation import DEFAULT_STALL_TIMEOUT_S
 from palr_gym.policies import PolicySource, action_mode, policy_message, policy_name
+from palr_gym.scene_options import SceneOptions, scene_options_message
 from palr_gym.specs import EnvironmentSpec, environment_spec
 from palr_gym.tensors import FLOAT32, FLOAT64, to_array
 
@@ -127,6 +128,7 @@ def collect(
     seed: SupportsIndex = 0,
     sampled: bool = False,
     num_envs: SupportsIndex | None = None,
+    scene_options: SceneOptions | None = None,
     server: str | None = None,
     on_episode: Callable[[CollectedEpisode], None] | None = None,
     timeout_s: float | None = None,
@@ -143,6 +145,7 @@ def collect(
         sampled: Whether actions are sampled from the policy (which then needs the outputs `mean`
             and `log_std`) instead of its `action` output.
         num_envs: Environments that run side by side; None: the server chooses.
+        scene_options: Of a driving task; None: the defaults.
         server: `host:port` or `unix:/path`; None: $PALR_GYM_SERVER, else localhost:7257.
         on_episode: Called with each episode, in the order of their indices.
         timeout_s: Seconds for everything; None: no limit.
@@ -161,6 +164,7 @@ def collect(
             seed=seed,
             sampled=sampled,
             num_envs=num_envs,
+            scene_options=scene_options,
             on_episode=on_episode,
             timeout_s=timeout_s,
             stall_timeout_s=stall_timeout_s,
@@ -177,6 +181,7 @@ def run_collection(
     seed: SupportsIndex,
     sampled: bool,
     num_envs: SupportsIndex | None,
+    scene_options: SceneOptions | None,
     on_episode: Callable[[CollectedEpisode], None] | None,
     timeout_s: float | None,
     stall_timeout_s: float,
@@ -196,6 +201,7 @@ def run_collection(
         seed=unsigned("seed", seed, 64),
         action_mode=action_mode(sampled=sampled),
         num_envs=None if num_envs is None else unsigned("num_envs", num_envs, 32),
+        scene_options=scene_options_message(scene_options),
     )
     recorder: _Recorder | None = None
     stream = connection.server_stream(

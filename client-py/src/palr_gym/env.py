@@ -17,7 +17,8 @@ from palr_gym.connection import DEFAULT_DEADLINE_S, Connection
 from palr_gym.errors import InvalidArgument, ResetNeeded
 from palr_gym.rendering import RENDER_MODES, Picture, checked_render_mode, render
 from palr_gym.results import RestoredState
-from palr_gym.session import ObservationDtype, OutOfBounds, SceneOptions, Session
+from palr_gym.scene_options import SceneOptions
+from palr_gym.session import ObservationDtype, OutOfBounds, Session
 from palr_gym.specs import EnvironmentSpec
 
 

@@ -11,6 +11,7 @@ from palr_gym.arguments import unsigned
 from palr_gym.connection import DEFAULT_DEADLINE_S, EVALUATE, Connection
 from palr_gym.errors import ServerError
 from palr_gym.policies import PolicySource, action_mode, policy_message, policy_name
+from palr_gym.scene_options import SceneOptions, scene_options_message
 
 DEFAULT_STALL_TIMEOUT_S = 120.0
 """Seconds to wait for each message of a stream."""
@@ -87,6 +88,7 @@ def evaluate(
     seed: SupportsIndex = 0,
     sampled: bool = False,
     num_envs: SupportsIndex | None = None,
+    scene_options: SceneOptions | None = None,
     server: str | None = None,
     on_episode: Callable[[EpisodeResult], None] | None = None,
     timeout_s: float | None = None,
@@ -102,6 +104,7 @@ def evaluate(
         sampled: Whether actions are sampled from the policy (which then needs the outputs `mean`
             and `log_std`) instead of its `action` output.
         num_envs: Environments that run side by side; None: the server chooses.
+        scene_options: Of a driving task; None: the defaults.
         server: `host:port` or `unix:/path`; None: $PALR_GYM_SERVER, else localhost:7257.
         on_episode: Called with each episode as it ends, not in the order of their indices.
         timeout_s: Seconds for everything; None: no limit.
@@ -119,6 +122,7 @@ def evaluate(
             seed=seed,
             sampled=sampled,
             num_envs=num_envs,
+            scene_options=scene_options,
             on_episode=on_episode,
             timeout_s=timeout_s,
             stall_timeout_s=stall_timeout_s,
@@ -134,13 +138,20 @@ def run_evaluation(
     seed: SupportsIndex,
     sampled: bool,
     num_envs: SupportsIndex | None,
+    scene_options: SceneOptions | None,
     on_episode: Callable[[EpisodeResult], None] | None,
     timeout_s: float | None,
     stall_timeout_s: float,
 ) -> Evaluation:
     """`evaluate` over a connection that exists."""
     request = evaluation_request(
-        env_id, policy, episodes=episodes, seed=seed, sampled=sampled, num_envs=num_envs
+        env_id,
+        policy,
+        episodes=episodes,
+        seed=seed,
+        sampled=sampled,
+        num_envs=num_envs,
+        scene_options=scene_options,
     )
     results = EvaluationResults(policy, request, connection.server, on_episode)
     stream = connection.server_stream(
@@ -164,6 +175,7 @@ def evaluation_request(
     seed: SupportsIndex,
     sampled: bool,
     num_envs: SupportsIndex | None,
+    scene_options: SceneOptions | None,
 ) -> evaluation_service_pb2.EvaluateRequest:
     """The message for the arguments of `evaluate`."""
     return evaluation_service_pb2.EvaluateRequest(
@@ -173,6 +185,7 @@ def evaluation_request(
         seed=unsigned("seed", seed, 64),
         action_mode=action_mode(sampled=sampled),
         num_envs=None if num_envs is None else unsigned("num_envs", num_envs, 32),
+        scene_options=scene_options_message(scene_options),
     )
 
 

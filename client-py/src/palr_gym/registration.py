@@ -16,7 +16,7 @@ def registered_env_ids() -> list[str]:
     """The server's ids of the environments that are registered.
 
     Full, paper's and strict mask, and each of Gymnasium's tasks as Gymnasium's `-v5` defines it;
-    and `lane`, which shows its state.
+    and the driving tasks, which show their state.
     """
     stacks = range(1, DEEPEST_REGISTERED_STACK + 1)
     robots = [
@@ -29,7 +29,7 @@ def registered_env_ids() -> list[str]:
             *(f"{task}-strict-w{frame_stack}" for frame_stack in stacks),
         )
     ]
-    return [*robots, "lane"]
+    return [*robots, "lane", "town"]
 
 
 def register_envs() -> None:

@@ -3,7 +3,7 @@
 import os
 import weakref
 from collections.abc import Sequence
-from typing import Any, Literal, Self, SupportsIndex, TypedDict, get_args
+from typing import Any, Literal, Self, SupportsIndex, get_args
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
@@ -49,6 +49,7 @@ from palr_gym.results import (
     restored_state,
     step_result,
 )
+from palr_gym.scene_options import SceneOptions, scene_options_message
 from palr_gym.specs import EnvironmentSpec, environment_spec
 from palr_gym.tensors import FLOAT32, FLOAT64, columns, float32_tensor, to_array
 
@@ -60,19 +61,6 @@ ObservationDtype = Literal["float64", "float32"]
 """Element type of observations on the wire and in arrays; the server simulates in float64."""
 
 
-class SceneOptions(TypedDict, total=False):
-    """What can be chosen about the scene of a driving task. What is left out keeps its default."""
-
-    lead_car_probability: float
-    """With which probability an episode has a car ahead, in [0, 1]; 0.7."""
-    weather: Literal["fixed", "random"]
-    """Light, fog and colours: always the same, or drawn at each reset; "fixed"."""
-
-
-_WEATHERS = {
-    "fixed": environment_pb2.WEATHER_FIXED,
-    "random": environment_pb2.WEATHER_RANDOM,
-}
 _OBSERVATION_DTYPES = {
     "float64": tensor_pb2.DATA_TYPE_FLOAT64,
     "float32": tensor_pb2.DATA_TYPE_FLOAT32,
@@ -451,22 +439,7 @@ def open_session_request(
         autoreset_mode=_AUTORESET_MODES[autoreset_mode],
         out_of_bounds=_OUT_OF_BOUNDS[out_of_bounds],
         observation_dtype=_OBSERVATION_DTYPES[observation_dtype],
-        scene_options=None if scene_options is None else _scene_options(scene_options),
-    )
-
-
-def _scene_options(options: SceneOptions) -> environment_pb2.SceneOptions:
-    known = SceneOptions.__annotations__
-    for name in options:
-        if name not in known:
-            raise InvalidArgument(f"scene_options has {name!r}; expected some of {list(known)}")
-    weather = options.get("weather", "fixed")
-    if weather not in _WEATHERS:
-        raise InvalidArgument(
-            f"scene_options['weather'] is {weather!r}; expected one of {list(_WEATHERS)}"
-        )
-    return environment_pb2.SceneOptions(
-        lead_car_probability=options.get("lead_car_probability"), weather=_WEATHERS[weather]
+        scene_options=scene_options_message(scene_options),
     )
 
 

@@ -18,7 +18,8 @@ from palr_gym.env import restore_or_reopen
 from palr_gym.errors import InvalidArgument, ResetNeeded
 from palr_gym.rendering import RENDER_MODES, Picture, checked_render_mode, render
 from palr_gym.results import ResetResult, RestoredState, StepResult, single_steps
-from palr_gym.session import ObservationDtype, OutOfBounds, SceneOptions, Session
+from palr_gym.scene_options import SceneOptions
+from palr_gym.session import ObservationDtype, OutOfBounds, Session
 from palr_gym.specs import EnvironmentSpec
 
 VectorStep = tuple[

@@ -31,7 +31,7 @@ pub mod task;
 pub use env_id::{EnvId, EnvIdError};
 pub use frame_stack::FrameStack;
 pub use options::{ActionMode, AutoresetMode, Fidelity, Mask, OutOfBounds};
-pub use scene_options::{SceneOptions, SceneOptionsError, WeatherMode};
+pub use scene_options::{SceneOption, SceneOptions, SceneOptionsError, WeatherMode};
 pub use space::BoxSpace;
 pub use spec::EnvSpec;
 pub use standardize::{StandardizeError, Standardizer};

@@ -274,8 +274,9 @@ impl Env {
         let view = View { camera, ..view };
         self.task.scene().on_workbench(|physics| {
             physics.load(&self.state)?;
-            let weather = self.task.weather(physics);
-            Ok(render::draw(choice, physics, weather.as_ref(), view, picture)?)
+            let (weather, pieces) = (self.task.weather(physics), self.task.pieces(physics));
+            let look = (weather.as_ref(), pieces.as_ref());
+            Ok(render::draw(choice, physics, look, view, picture)?)
         })?
     }
 

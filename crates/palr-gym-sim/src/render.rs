@@ -8,15 +8,17 @@
 //! - `gl`: OpenGL contexts by OSMesa or EGL, found at run time.
 //! - `canvas`: MuJoCo's renderer on such a context; one context a thread and scene, kept while the
 //!   thread lives.
-//! - `weather`: light, fog and tints.
+//! - `weather`: light, fog and tints; `pieces`: which parts of a scene are there.
 
 mod canvas;
 mod gl;
+mod pieces;
 mod weather;
 
 use std::fmt;
 
 pub use gl::{GlInfo, GlLibrary, prepare_process};
+pub use pieces::Pieces;
 pub use weather::Weather;
 
 use crate::physics::Physics;
@@ -136,7 +138,7 @@ pub struct View<'a> {
 pub fn draw(
     choice: GlChoice,
     physics: &Physics,
-    weather: Option<&Weather>,
+    (weather, pieces): (Option<&Weather>, Option<&Pieces>),
     view: View<'_>,
     picture: &mut Vec<u8>,
 ) -> Result<(), RenderError> {
@@ -149,6 +151,7 @@ pub fn draw(
     let (width, height) = ((width_px * scale) as usize, (height_px * scale) as usize);
     canvas::with_canvas(choice, physics.model(), |canvas| {
         canvas.pose(physics, camera)?;
+        canvas.set_pieces(pieces);
         canvas.set_weather(weather);
         let rows = canvas.draw(width, height)?;
         picture.clear();

@@ -12,7 +12,7 @@ use crate::vector::VectorOptions;
 
 const MAGIC: [u8; 8] = *b"PALRSNAP";
 /// Changes with every change of the layout.
-const VERSION: u32 = 3;
+const VERSION: u32 = 4;
 
 /// Why bytes are no snapshot, or not one of this vector.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -117,12 +117,13 @@ impl<'a> Snapshot<'a> {
             },
         };
         let [lead_car_probability] = reader.f64_array("lead_car_probability")?;
+        let vehicles = reader.u32("vehicles")?;
         let weather = match reader.byte("weather")? {
             0 => WeatherMode::Fixed,
             1 => WeatherMode::Random,
             got => return Err(malformed("weather", got, "0 or 1")),
         };
-        let scene = SceneOptions { lead_car_probability, weather };
+        let scene = SceneOptions { lead_car_probability, vehicles, weather };
         scene
             .validate()
             .map_err(|error| malformed("scene options", error, "values within range"))?;
@@ -158,6 +159,7 @@ impl<'a> Snapshot<'a> {
             OutOfBounds::Raw => 2,
         });
         writer.f64s(&[self.scene.lead_car_probability]);
+        writer.u32(self.scene.vehicles);
         writer.bytes.push(match self.scene.weather {
             WeatherMode::Fixed => 0,
             WeatherMode::Random => 1,

@@ -1,22 +1,27 @@
 //! The registry of tasks: scene file, task module and entry here stand one to one.
 
 mod ant;
+mod driving;
 mod halfcheetah;
 mod hopper;
 mod lane;
 mod locomotion;
+mod town;
 mod toy;
 mod walker2d;
 
 use palr_gym_core::nearest::nearest;
 use palr_gym_core::random::Generator;
-use palr_gym_core::{EnvId, EnvSpec, Fidelity, Mask, SceneOptions, SceneOptionsError, TaskSpec};
+use palr_gym_core::{
+    EnvId, EnvSpec, Fidelity, Mask, SceneOption, SceneOptions, SceneOptionsError, TaskSpec,
+};
 
 use crate::error::SimError;
 use crate::physics::{Physics, Scene, Start};
-use crate::render::Weather;
+use crate::render::{Pieces, Weather};
 
 pub use lane::scene_mjcf as lane_scene_mjcf;
+pub use town::scene_mjcf as town_scene_mjcf;
 
 /// What a step earned.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -40,9 +45,9 @@ pub trait Task: Send + Sync {
         false
     }
 
-    /// True if [`SceneOptions`] mean something to the task.
-    fn has_lead_car(&self) -> bool {
-        false
+    /// What can be chosen about the scene.
+    fn scene_options(&self) -> &'static [SceneOption] {
+        &[]
     }
 
     /// Moves the initial state to where an episode starts, drawing from `generator` in
@@ -84,6 +89,11 @@ pub trait Task: Send + Sync {
         None
     }
 
+    /// Which pieces of the scene are there; `None`: all.
+    fn pieces(&self, _physics: &Physics) -> Option<Pieces> {
+        None
+    }
+
     /// Writes what a reset that led to `physics` reports: `spec().reset_info_names` entries.
     fn reset_info(&self, _physics: &Physics, _info: &mut [f64]) {}
 
@@ -100,11 +110,12 @@ pub trait Task: Send + Sync {
 }
 
 /// Every task, in alphabetical order; where Gymnasium has it, as `-v4` defines it.
-pub static TASKS: [&dyn Task; 6] = [
+pub static TASKS: [&dyn Task; 7] = [
     &ant::Ant(Fidelity::Gym4),
     &halfcheetah::Halfcheetah(Fidelity::Gym4),
     &hopper::Hopper(Fidelity::Gym4),
     &lane::Lane,
+    &town::Town,
     &toy::Toy,
     &walker2d::Walker2d(Fidelity::Gym4),
 ];
@@ -164,8 +175,18 @@ pub fn resolve_scene(
 ) -> Result<(&'static dyn Task, EnvSpec), SimError> {
     let (task, mut spec) = resolve(env_id)?;
     if let Some(options) = options {
-        if !task.has_lead_car() {
-            return Err(SceneOptionsError::NoScene { task: spec.task.name }.into());
+        let (name, available) = (spec.task.name, task.scene_options());
+        if available.is_empty() {
+            return Err(SceneOptionsError::NoScene { task: name }.into());
+        }
+        let is_foreign =
+            |option: &SceneOption| options.chooses(*option) && !available.contains(option);
+        if let Some(option) = SceneOption::ALL.into_iter().find(is_foreign) {
+            let available = available.iter().copied().map(SceneOption::name).collect();
+            let name = option.name();
+            return Err(
+                SceneOptionsError::NotOfTask { task: spec.task.name, name, available }.into()
+            );
         }
         options.validate()?;
         spec.scene = options;

@@ -6,6 +6,7 @@ pub mod demo;
 pub mod expert;
 pub mod render;
 pub mod runs;
+pub mod scene;
 pub mod train;
 
 use std::net::SocketAddr;
@@ -176,6 +177,8 @@ pub struct PolicyArguments {
     /// Environments side by side [default: the server chooses].
     #[arg(long, value_name = "N")]
     pub num_envs: Option<u32>,
+    #[command(flatten)]
+    pub scene: scene::SceneArguments,
 }
 
 /// `palr-gym collect`

@@ -27,6 +27,7 @@ impl EvaluationService for Services {
             action_mode: convert::action_mode(request.action_mode)?,
             policy: convert::policy(request.policy)?,
             env_id: request.env_id,
+            scene: request.scene_options.map(convert::scene_options).transpose()?,
             num_envs: request.num_envs,
             seed: request.seed,
         };

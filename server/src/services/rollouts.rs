@@ -7,8 +7,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use futures_util::Stream;
-use palr_gym_core::ActionMode;
-use palr_gym_sim::tasks::resolve;
+use palr_gym_core::{ActionMode, SceneOptions};
+use palr_gym_sim::tasks::resolve_scene;
 use tokio::runtime::Handle;
 use tokio::sync::mpsc;
 use tokio::sync::mpsc::error::{SendTimeoutError, TrySendError};
@@ -70,6 +70,8 @@ impl Drop for AtWork {
 /// A request for a rollout, after conversion.
 pub(super) struct RolloutRequest {
     pub(super) env_id: String,
+    /// `None`: the defaults.
+    pub(super) scene: Option<SceneOptions>,
     pub(super) policy: PolicyChoice,
     pub(super) action_mode: ActionMode,
     pub(super) num_envs: Option<u32>,
@@ -119,7 +121,7 @@ impl Services {
         if !(1..=max).contains(&num_envs) {
             return Err(ServerError::NumEnvs { got: num_envs as u64, max });
         }
-        let (task, spec) = resolve(&request.env_id)?;
+        let (task, spec) = resolve_scene(&request.env_id, request.scene)?;
         let running = self.limits.max_rollouts;
         let permit = Arc::clone(&self.rollouts)
             .try_acquire_owned()

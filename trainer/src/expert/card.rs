@@ -145,6 +145,7 @@ pub async fn measure(client: &Client, folder: &Path, episodes: u32) -> Result<Ca
             seed: CARD_SEED,
             action_mode,
             num_envs: None,
+            scene_options: None,
         };
         measured.push(Measured::from(&evaluate(client, &options, |_| {}).await?));
     }

@@ -89,6 +89,7 @@ pub async fn fitness(
         seed,
         action_mode: ActionMode::Sampled,
         num_envs: None,
+        scene_options: None,
         out: data.clone(),
         existing: Existing::Resume,
     };
@@ -121,6 +122,7 @@ pub async fn fitness(
         seed: CARD_SEED,
         action_mode: ActionMode::Deterministic,
         num_envs: None,
+        scene_options: None,
     };
     let imitator = Measured::from(&evaluate(client, &options, |_| {}).await?);
     Ok(Some(Fitness {

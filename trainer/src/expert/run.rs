@@ -461,6 +461,7 @@ impl Training {
             seed: EVALUATION_SEED,
             action_mode: ActionMode::Deterministic,
             num_envs: None,
+            scene_options: None,
         };
         let evaluation = self.handle.block_on(evaluate(&self.client, &options, |_| {}))?;
         let record = EvaluationRecord::new(self.counters.step, &evaluation);

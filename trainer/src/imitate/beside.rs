@@ -54,6 +54,7 @@ impl Beside {
             seed: evaluation.seed,
             action_mode: ActionMode::Deterministic,
             num_envs: None,
+            scene_options: None,
         };
         let worker = Worker { client, options, recorder, events, pending: pending.clone() };
         let worker = tokio::spawn(worker.work(left, jobs));

@@ -42,10 +42,10 @@ from palr_gym.evaluation import (
 )
 from palr_gym.policies import PolicySource
 from palr_gym.results import RestoredState, Shapes, restored_state
+from palr_gym.scene_options import SceneOptions
 from palr_gym.session import (
     ObservationDtype,
     OutOfBounds,
-    SceneOptions,
     open_session_request,
     parse_autoreset_mode,
 )
@@ -127,13 +127,20 @@ class Client:
         seed: SupportsIndex = 0,
         sampled: bool = False,
         num_envs: SupportsIndex | None = None,
+        scene_options: SceneOptions | None = None,
         on_episode: Callable[[EpisodeResult], None] | None = None,
         timeout_s: float | None = None,
         stall_timeout_s: float = DEFAULT_STALL_TIMEOUT_S,
     ) -> Evaluation:
         """Plays whole episodes on the server. Arguments as of `palr_gym.evaluate`."""
         request = evaluation_request(
-            env_id, policy, episodes=episodes, seed=seed, sampled=sampled, num_envs=num_envs
+            env_id,
+            policy,
+            episodes=episodes,
+            seed=seed,
+            sampled=sampled,
+            num_envs=num_envs,
+            scene_options=scene_options,
         )
         results = EvaluationResults(policy, request, self.server, on_episode)
         messages = self._server_stream(

@@ -8,12 +8,12 @@ use std::sync::Arc;
 use mujoco_rs::mujoco_c::{
     mjr_defaultContext, mjr_freeContext, mjrContext, mjv_defaultCamera, mjv_defaultFreeCamera,
     mjv_defaultOption, mjv_defaultPerturb, mjv_defaultScene, mjv_freeScene, mjv_makeScene,
-    mjvCamera, mjvOption, mjvPerturb, mjvScene,
+    mjvCamera, mjvGeom, mjvOption, mjvPerturb, mjvScene,
 };
 use mujoco_rs::prelude::{MjData, MjModel, MjtObjBase};
 
 use super::gl::{self, Context};
-use super::{GlChoice, RenderError, Weather};
+use super::{GlChoice, Pieces, RenderError, Weather};
 use crate::guard::{self, EngineError};
 use crate::physics::Physics;
 
@@ -27,6 +27,8 @@ const FLAG_REFLECTION: usize = 2;
 const FLAG_FOG: usize = 5;
 const CAMERA_FIXED: i32 = 2;
 const OBJECT_GEOM: i32 = 5;
+/// The group of pieces that other viewers hide.
+const GROUP_OF_PIECES: usize = 3;
 
 thread_local! {
     /// The last used is the last one.
@@ -131,6 +133,8 @@ impl Canvas {
                 perturb.assume_init(),
             )
         };
+        let mut option = option;
+        option.geomgroup[GROUP_OF_PIECES] = u8::from(model.ffi().nuser_geom > 0);
         scene.flags[FLAG_SHADOW] = 0;
         scene.flags[FLAG_REFLECTION] = 0;
         let mut canvas = Self {
@@ -191,6 +195,28 @@ impl Canvas {
         )?)
     }
 
+    /// Takes away what is no part of these pieces.
+    pub(super) fn set_pieces(&mut self, pieces: Option<&Pieces>) {
+        let Some(pieces) = pieces else { return };
+        let numbers = self.model.geom_user();
+        let count = usize::try_from(self.scene.ngeom).unwrap_or(0);
+        // SAFETY: MuJoCo has filled that many geoms, and nothing else holds them now.
+        let geoms = unsafe { std::slice::from_raw_parts_mut(self.scene.geoms, count) };
+        let is_there = |geom: &mjvGeom| {
+            let number = usize::try_from(geom.objid).ok().and_then(|id| numbers.get(id));
+            let piece = number.filter(|_| geom.objtype == OBJECT_GEOM);
+            piece.is_none_or(|&piece| pieces.contains(piece as usize))
+        };
+        let mut kept = 0;
+        for index in 0..count {
+            if is_there(&geoms[index]) {
+                geoms.swap(kept, index);
+                kept += 1;
+            }
+        }
+        self.scene.ngeom = kept as i32;
+    }
+
     /// Changes light, fog and colours of what [`pose`](Self::pose) took up.
     pub(super) fn set_weather(&mut self, weather: Option<&Weather>) {
         self.scene.flags[FLAG_FOG] = 0;
@@ -214,13 +240,12 @@ impl Canvas {
         }
         let count = usize::try_from(self.scene.ngeom).unwrap_or(0);
         for (name, factors) in &weather.tints {
-            let Some(id) = self.model.name_to_id(MjtObjBase::mjOBJ_GEOM, name) else { continue };
+            let Some(id) = self.model.name_to_id(MjtObjBase::mjOBJ_MATERIAL, name) else {
+                continue;
+            };
             // SAFETY: MuJoCo has filled that many geoms, and nothing else holds them now.
             let geoms = unsafe { std::slice::from_raw_parts_mut(self.scene.geoms, count) };
-            let own = geoms.iter_mut().filter(|geom| {
-                geom.objtype == OBJECT_GEOM && usize::try_from(geom.objid) == Ok(id)
-            });
-            for geom in own {
+            for geom in geoms.iter_mut().filter(|geom| usize::try_from(geom.matid) == Ok(id)) {
                 for (channel, factor) in geom.rgba.iter_mut().zip(factors) {
                     *channel *= factor;
                 }

@@ -16,8 +16,16 @@ mod golden;
 const SMALL: View<'_> = View { camera: Some("driver"), width_px: 48, height_px: 48 };
 
 fn env(weather: WeatherMode) -> Env {
-    let options = SceneOptions { weather, lead_car_probability: 1.0 };
-    let (task, spec) = resolve_scene("lane", Some(options)).unwrap();
+    let options = SceneOptions { weather, lead_car_probability: 1.0, ..SceneOptions::default() };
+    driving("lane", options)
+}
+
+fn town(weather: WeatherMode, vehicles: u32) -> Env {
+    driving("town", SceneOptions { weather, vehicles, ..SceneOptions::default() })
+}
+
+fn driving(name: &str, options: SceneOptions) -> Env {
+    let (task, spec) = resolve_scene(name, Some(options)).unwrap();
     Env::new(task, &Arc::new(spec)).unwrap()
 }
 
@@ -140,8 +148,13 @@ fn frames_do_not_depend_on_the_thread_that_draws_them() {
     if cannot_draw() {
         return;
     }
-    let picture = |seed| {
-        let mut env = env(WeatherMode::Random);
+    // Lane and town by turns, so that every thread has both scenes at hand.
+    let picture = |seed: u64| {
+        let mut env = if seed.is_multiple_of(2) {
+            env(WeatherMode::Random)
+        } else {
+            town(WeatherMode::Random, 8)
+        };
         env.reset(Some(seed)).unwrap();
         draw(&env, SMALL)
     };
@@ -163,6 +176,47 @@ fn frames_do_not_depend_on_the_thread_that_draws_them() {
             }
         }
     });
+}
+
+#[test]
+fn a_town_shows_the_streets_of_its_seed_and_no_others() {
+    if cannot_draw() {
+        return;
+    }
+    let mut env = town(WeatherMode::Fixed, 0);
+    let view = View { camera: Some("top"), width_px: 200, height_px: 200 };
+    let mut towns = Vec::new();
+    for seed in 0..4 {
+        env.reset(Some(seed)).unwrap();
+        let picture = draw(&env, view);
+        towns.push((picture, crate::tasks::town_scene_mjcf(seed)));
+    }
+    for (index, (picture, _)) in towns.iter().enumerate() {
+        assert!(towns[..index].iter().all(|(other, _)| other != picture), "{index}");
+    }
+    // Not green on a street that is there, green where there is none, in the middles of all 24. In the
+    // scene of a seed what its map lacks is in a group.
+    for (seed, (picture, text)) in towns.iter().enumerate() {
+        let mut found = 0;
+        for line in text.lines().filter(|line| line.contains("mesh=\"street_road\"")) {
+            let part = line.split("pos=\"").nth(1).unwrap();
+            let mut numbers = part.split([' ', '"']).map(|number| number.parse::<f64>());
+            let (x, y) = (numbers.next().unwrap().unwrap(), numbers.next().unwrap().unwrap());
+            // 150 m up, 60 degrees: 173.2 m across 200 pixels.
+            let pixel = |metres: f64| (100.0 + metres * 200.0 / 173.2) as usize;
+            // Beside the dashes.
+            let index = 3 * (pixel(-y - 1.9) * 200 + pixel(x + 1.9));
+            let [red, green, blue] = [0, 1, 2].map(|channel| i32::from(picture[index + channel]));
+            let is_green = green - red > 15 && green - blue > 20;
+            assert_eq!(
+                is_green,
+                line.contains("group="),
+                "seed {seed}: {line} {red} {green} {blue}"
+            );
+            found += 1;
+        }
+        assert_eq!(found, 24);
+    }
 }
 
 #[test]
@@ -247,12 +301,15 @@ const CHILD_GL: &str = "PALR_GYM_TEST_GL";
 /// A process draws with one library only, so the other one draws in a process of its own.
 #[test]
 fn egl_draws_what_osmesa_draws() {
-    let mut env = env(WeatherMode::Random);
-    env.reset(Some(3)).unwrap();
-    let checksum = |choice| {
-        let mut picture = Vec::new();
-        let drawn = env.draw(choice, SMALL, &mut picture);
-        drawn.map(|()| format!("{:08x}", crc32fast::hash(&picture)))
+    let mut envs = [env(WeatherMode::Random), town(WeatherMode::Random, 8)];
+    envs.iter_mut().for_each(|env| env.reset(Some(3)).unwrap());
+    let checksum = |choice| -> Result<String, SimError> {
+        let (mut picture, mut all) = (Vec::new(), Vec::new());
+        for env in &envs {
+            env.draw(choice, SMALL, &mut picture)?;
+            all.extend_from_slice(&picture);
+        }
+        Ok(format!("{:08x}", crc32fast::hash(&all)))
     };
     if std::env::var_os(CHILD_GL).is_some() {
         println!("FRAME {:?}", checksum(GlChoice::Egl));

@@ -13,6 +13,6 @@ pub struct Weather {
     pub fog_m: Option<(f32, f32)>,
     /// Its grey.
     pub fog_brightness: f32,
-    /// Factors on the colours of geoms, by their names.
+    /// Factors on the colours of geoms, by the names of their materials.
     pub tints: Vec<(&'static str, [f32; 3])>,
 }

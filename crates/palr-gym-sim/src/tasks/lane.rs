@@ -6,32 +6,24 @@ mod expert;
 mod mjcf;
 mod state;
 mod track;
-mod weather;
 
 use palr_gym_core::random::Generator;
 use palr_gym_core::task::ObservationEntry as Entry;
-use palr_gym_core::{Fidelity, ReferenceReturns, SceneOptions, TaskSpec};
+use palr_gym_core::{Fidelity, ReferenceReturns, SceneOption, SceneOptions, TaskSpec};
 
 use self::state::{LeadCar, State};
-use self::track::{Place, TRACK, wrap_angle};
+use self::track::TRACK;
+use super::driving::{
+    CRUISE_SPEED_MPS, FRAME_SKIP, FRAME_STEP_S, LANE_WIDTH_M, Place, QPOS_STEER, QVEL_YAW, STEP_S,
+    TWO_HALF_LENGTHS_M, WHEELBASE_M, place_car, quaternion, steer_and_pedal, weather, wrap_angle,
+    yaw_rad,
+};
 use super::{Outcome, Task};
 use crate::physics::{Physics, Scene, Start};
 use crate::render::Weather;
 
-const LANE_WIDTH_M: f64 = 3.5;
 /// The right lane's middle.
 const LANE_OFFSET_M: f64 = -LANE_WIDTH_M / 2.0;
-const WHEELBASE_M: f64 = 2.6;
-const WHEEL_RADIUS_M: f64 = 0.32;
-const CAR_HALF_LENGTH_M: f64 = 1.9;
-const STEERING_LIMIT_RAD: f64 = 0.61;
-/// 20 km/h.
-const CRUISE_SPEED_MPS: f64 = 5.56;
-/// Simulated seconds in a physics step.
-const FRAME_STEP_S: f64 = 0.01;
-/// Physics steps in a step.
-const FRAME_SKIP: u32 = 5;
-const STEP_S: f64 = FRAME_STEP_S * FRAME_SKIP as f64;
 
 /// The reward is within ± this, but for an end.
 const REWARD_BOUND: f64 = 5.0;
@@ -50,8 +42,6 @@ const LEAD_TARGETS_MPS: [f64; 4] = [0.0, 2.0, 4.0, 5.5];
 const LEAD_TARGET_S: (f64, f64) = (2.0, 5.0);
 /// Greatest deceleration and acceleration of the lead car (m/s²).
 const LEAD_ACCELERATION: (f64, f64) = (2.5, 1.5);
-/// From the car's middle to the lead car's, bumper to bumper.
-const TWO_HALF_LENGTHS_M: f64 = 2.0 * CAR_HALF_LENGTH_M;
 /// Stands for "no lead car in sight".
 const NO_LEAD_GAP_M: f64 = 100.0;
 /// A lead car that has fallen behind by more than this is no longer followed.
@@ -65,10 +55,6 @@ const LOOK_AHEAD_S: f64 = 0.5;
 
 /// Entries of MuJoCo's user data; see [`state`].
 const USERDATA: usize = state::NUMBERS + weather::NUMBERS;
-/// Addresses in qpos and qvel; a test holds them to the scene.
-const QPOS_STEER: usize = 7;
-const QVEL_YAW: usize = 5;
-const QVEL_ROLL: [usize; 4] = [9, 12, 14, 16];
 
 const SPEC: TaskSpec = TaskSpec {
     name: "lane",
@@ -227,16 +213,6 @@ impl View {
     }
 }
 
-fn yaw_rad(qpos: &[f64]) -> f64 {
-    let (w, x, y, z) = (qpos[3], qpos[4], qpos[5], qpos[6]);
-    (2.0 * (w * z + x * y)).atan2(1.0 - 2.0 * (y * y + z * z))
-}
-
-/// A turn about the vertical.
-fn quaternion(heading_rad: f64) -> [f64; 4] {
-    [(heading_rad / 2.0).cos(), 0.0, 0.0, (heading_rad / 2.0).sin()]
-}
-
 impl Task for Lane {
     fn spec(&self) -> &'static TaskSpec {
         &SPEC
@@ -246,8 +222,8 @@ impl Task for Lane {
         &SCENE
     }
 
-    fn has_lead_car(&self) -> bool {
-        true
+    fn scene_options(&self) -> &'static [SceneOption] {
+        &[SceneOption::LeadCarProbability, SceneOption::Weather]
     }
 
     fn perturb(&self, generator: &mut Generator, options: &SceneOptions, start: &mut Start) {
@@ -258,15 +234,7 @@ impl Task for Lane {
         let heading_rad = heading_rad + RESET_HEADING_RAD * generator.standard_normal();
         let is_at_rest = generator.next_f64() < RESET_AT_REST_PROBABILITY;
         let speed_mps = generator.uniform(0.0, CRUISE_SPEED_MPS) * f64::from(u8::from(!is_at_rest));
-        start.qpos[..2].copy_from_slice(&position_m);
-        // The scene's own height is where the car is drawn; its springs carry it from the ground.
-        start.qpos[2] = 0.0;
-        start.qpos[3..7].copy_from_slice(&quaternion(heading_rad));
-        start.qvel[0] = speed_mps * heading_rad.cos();
-        start.qvel[1] = speed_mps * heading_rad.sin();
-        for wheel in QVEL_ROLL {
-            start.qvel[wheel] = speed_mps / WHEEL_RADIUS_M;
-        }
+        place_car(position_m, heading_rad, speed_mps, start);
         // Drawn whether used or not, so that a seed means the same start with and without one.
         let is_led = generator.next_f64() < options.lead_car_probability;
         let lead = LeadCar {
@@ -288,11 +256,7 @@ impl Task for Lane {
     }
 
     fn controls(&self, action: &[f32], controls: &mut [f64]) {
-        let (pedal, steer) = (f64::from(action[0]), f64::from(action[1]));
-        let (throttle, brake) = (pedal.max(0.0), (-pedal).max(0.0));
-        controls[..2].fill(throttle);
-        controls[2..6].fill(brake);
-        controls[6] = -steer * STEERING_LIMIT_RAD;
+        steer_and_pedal(action, controls);
     }
 
     fn advance(&self, generator: &mut Generator, physics: &mut Physics) {

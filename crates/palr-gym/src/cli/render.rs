@@ -2,19 +2,21 @@
 
 use std::path::PathBuf;
 
-use clap::{Args, ValueEnum};
+use clap::Args;
 use palr_gym_sim::render::GlChoice;
 
 use super::ServerArguments;
+use super::scene::SceneArguments;
 
 /// `palr-gym render`
 #[derive(Debug, Args)]
 #[command(after_help = "\
-The ending of --out chooses the format: .png for a single picture (of the reset, or of --step), .gif for
-an episode. The policy plays on the server; its episode is then played again and drawn.
+The ending of --out chooses the format: .png for a single picture (of the reset, or of --step), .mp4
+(H.264) or .gif for an episode. The policy plays on the server; its episode is then played again and drawn.
 
 Examples:
-  palr-gym render --env lane --out lane.gif
+  palr-gym render --env lane --out lane.mp4
+  palr-gym render --env town --vehicles 8 --steps 400 --out town.gif
   palr-gym render --env lane --camera chase --weather random --seed 3 --out weather.gif
   palr-gym render --env hopper --policy random --step 20 --out hopper.png
   palr-gym render --session 4b51… --server localhost:7257 --out now.png")]
@@ -36,9 +38,6 @@ pub struct RenderArguments {
     /// Seed of the episode.
     #[arg(long, value_name = "S", default_value_t = 0)]
     pub seed: u64,
-    /// Weather of a driving scene.
-    #[arg(long, value_enum, default_value_t = WeatherChoice::Fixed)]
-    pub weather: WeatherChoice,
     /// Film at most this many steps.
     #[arg(long, value_name = "N")]
     pub steps: Option<usize>,
@@ -64,6 +63,8 @@ pub struct RenderArguments {
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
     #[command(flatten)]
+    pub scene: SceneArguments,
+    #[command(flatten)]
     pub gl: GlArguments,
     #[command(flatten)]
     pub server: ServerArguments,
@@ -76,15 +77,6 @@ pub struct GlArguments {
     /// needed; without any, all but pictures works.
     #[arg(long = "gl", value_name = "GL", default_value = "auto", value_parser = gl_choice)]
     pub choice: GlChoice,
-}
-
-/// Weather of a driving scene.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum WeatherChoice {
-    /// Always the same clear day.
-    Fixed,
-    /// Drawn at the reset.
-    Random,
 }
 
 fn gl_choice(text: &str) -> Result<GlChoice, String> {

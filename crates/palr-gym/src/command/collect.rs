@@ -30,6 +30,7 @@ pub async fn run(arguments: CollectArguments) -> anyhow::Result<()> {
         seed: policy.seed,
         action_mode: action_mode(policy.sampled),
         num_envs: policy.num_envs,
+        scene_options: policy.scene.options(),
         out: arguments.out,
         existing,
     };

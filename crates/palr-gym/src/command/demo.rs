@@ -163,6 +163,7 @@ fn collection(run: &Run, config: &Config) -> CollectOptions {
         seed: config.seed,
         action_mode: ActionMode::Sampled,
         num_envs: None,
+        scene_options: None,
         out: run.path(&format!("{}-expert.hdf5", config.task)),
         existing: Existing::Resume,
     }
@@ -265,6 +266,7 @@ async fn measure(
         seed: config.seed,
         action_mode: ActionMode::Deterministic,
         num_envs: None,
+        scene_options: None,
     };
     let evaluation = evaluate::with_progress(client, &options, &format!("evaluate {name}")).await?;
     let held_out = palr_gym_data::HeldOut::spread(config.held_out_rows, MIN_EPISODES);

@@ -18,6 +18,7 @@ pub async fn run(arguments: EvaluateArguments) -> anyhow::Result<()> {
         seed: policy.seed,
         action_mode: action_mode(policy.sampled),
         num_envs: policy.num_envs,
+        scene_options: policy.scene.options(),
     };
     let evaluation = with_progress(&client, &options, "evaluate").await?;
     if arguments.json {

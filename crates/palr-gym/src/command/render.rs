@@ -3,22 +3,21 @@
 use std::path::Path;
 
 use anyhow::{Context, bail};
-use palr_gym_trainer::PolicySource;
 use palr_gym_trainer::film::{FilmOptions, Frame, Look, film, picture};
+use palr_gym_trainer::{ClientError, PolicySource};
 
 use super::evaluate::action_mode;
-use crate::cli::render::{RenderArguments, WeatherChoice};
-use crate::movie::{Movie, png};
+use crate::cli::render::RenderArguments;
+use crate::movie::{Format, Movie, png};
 use crate::{backend, progress};
 
 /// Draws and writes.
 pub async fn run(arguments: RenderArguments) -> anyhow::Result<()> {
-    let extension = arguments.out.extension().and_then(|extension| extension.to_str());
-    let is_movie = match extension {
-        Some("png") => false,
-        Some("gif") => true,
-        _ => bail!("{}: expected a file ending in .png or .gif", arguments.out.display()),
-    };
+    let format = Format::of(&arguments.out);
+    let is_movie = format.is_some();
+    if !is_movie && arguments.out.extension().is_none_or(|extension| extension != "png") {
+        bail!("{}: expected a file ending in .png, .mp4 or .gif", arguments.out.display());
+    }
     let (width_px, height_px) = arguments.size;
     let camera = arguments.camera.clone().unwrap_or_default();
     let look = Look { camera, width_px, height_px };
@@ -38,21 +37,20 @@ pub async fn run(arguments: RenderArguments) -> anyhow::Result<()> {
         policy: PolicySource::parse(&arguments.policy),
         seed: arguments.seed,
         action_mode: action_mode(arguments.sampled),
-        has_random_weather: arguments.weather == WeatherChoice::Random,
+        scene_options: arguments.scene.options(),
         steps,
         look,
     };
     let length = steps.unwrap_or(spec.max_episode_steps as usize) as u64 + 1;
     let bar = progress::bar("render", length, "pictures");
     let fps = arguments.fps.unwrap_or_else(|| (1.0 / spec.control_timestep_s).round() as u32);
-    // Sides beyond a GIF's are beyond the server's as well.
-    let side = |pixels: u32| u16::try_from(pixels).unwrap_or(u16::MAX);
-    let mut movie = is_movie.then(|| Movie::new(side(width_px), side(height_px), fps));
+    let new = |format| Movie::new(format, width_px, height_px, fps);
+    let mut movie = format.map(new).transpose()?;
     let mut last = Frame::new();
     film(&client, &options, |frame| {
         bar.inc(1);
         if let Some(movie) = &mut movie {
-            movie.add(&frame);
+            movie.add(&frame).map_err(|error| ClientError::file(&arguments.out, error))?;
         }
         last = frame;
         Ok(())

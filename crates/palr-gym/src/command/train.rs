@@ -246,6 +246,7 @@ impl DefaultData {
             seed: 0,
             action_mode: ActionMode::Sampled,
             num_envs: None,
+            scene_options: None,
             out: self.path.clone(),
             existing: Existing::Resume,
         };

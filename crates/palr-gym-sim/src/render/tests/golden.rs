@@ -10,16 +10,18 @@ const WRITE: &str = "PALR_GYM_WRITE_PICTURES";
 /// Mean difference of a channel, of 255.
 const TOLERANCE: f64 = 3.0;
 
-/// Driver and top, side by side; a clear day above random weather.
-fn montage() -> Vec<u8> {
+/// Driver and top, side by side; a clear day above random weather. The demonstrator has driven for so
+/// many steps.
+fn montage<const INFO: usize>(make: fn(WeatherMode) -> Env, seed: u64, steps: usize) -> Vec<u8> {
     let mut picture = vec![0; 4 * SIDE * SIDE * 3];
     for (row, weather) in [WeatherMode::Fixed, WeatherMode::Random].into_iter().enumerate() {
-        let mut env = env(weather);
-        env.reset(Some(11)).unwrap();
-        for _ in 0..60 {
+        let mut env = make(weather);
+        env.reset(Some(seed)).unwrap();
+        let mut info = [0.0; INFO];
+        for _ in 0..steps {
             let mut action = [0.0; 2];
             assert!(env.controller(&mut action));
-            env.step(&action, &mut [0.0; 5]);
+            env.step(&action, &mut info);
         }
         for (column, camera) in ["driver", "top"].into_iter().enumerate() {
             let side = SIDE as u32;
@@ -34,12 +36,21 @@ fn montage() -> Vec<u8> {
 }
 
 #[test]
-fn the_pictures_in_the_docs_are_what_is_drawn() {
+fn the_pictures_of_the_lane_in_the_docs_are_what_is_drawn() {
+    compare("lane.png", || montage::<5>(env, 11, 60));
+}
+
+#[test]
+fn the_pictures_of_the_town_in_the_docs_are_what_is_drawn() {
+    compare("town.png", || montage::<7>(|weather| town(weather, 8), 3, 200));
+}
+
+fn compare(name: &str, draw: impl FnOnce() -> Vec<u8>) {
     if cannot_draw() {
         return;
     }
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/lane.png");
-    let (side, drawn) = (2 * SIDE as u32, montage());
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs").join(name);
+    let (side, drawn) = (2 * SIDE as u32, draw());
     if std::env::var_os(WRITE).is_some() {
         let mut encoder = png::Encoder::new(std::fs::File::create(path).unwrap(), side, side);
         encoder.set_color(png::ColorType::Rgb);

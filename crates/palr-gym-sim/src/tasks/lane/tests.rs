@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use mujoco_rs::prelude::MjtObjBase;
 
+use super::super::driving::QVEL_ROLL;
 use super::*;
 use crate::env::Env;
 use crate::tasks::resolve_scene;

@@ -1,7 +1,9 @@
 //! The centre line: a figure eight, two arcs joined by two straights that cross, smoothed.
 
-use std::f64::consts::{FRAC_PI_2, PI, TAU};
+use std::f64::consts::{FRAC_PI_2, PI};
 use std::sync::LazyLock;
+
+use super::super::driving::{Place, wrap_angle};
 
 /// Points along the line.
 pub(super) const SAMPLES: usize = 1024;
@@ -22,13 +24,6 @@ pub(super) struct Track {
     arc_m: Vec<f64>,
     curvature_per_m: Vec<f64>,
     length_m: f64,
-}
-
-/// A place on a track and the direction of travel there.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Place {
-    pub(super) position_m: [f64; 2],
-    pub(super) heading_rad: f64,
 }
 
 /// A point as seen from a track.
@@ -176,11 +171,6 @@ impl Track {
         let half = self.length_m / 2.0;
         (ahead_m - behind_m + half).rem_euclid(self.length_m) - half
     }
-}
-
-/// The same angle in (-π, π].
-pub(super) fn wrap_angle(angle_rad: f64) -> f64 {
-    PI - (PI - angle_rad).rem_euclid(TAU)
 }
 
 fn distance_m(a: [f64; 2], b: [f64; 2]) -> f64 {

@@ -9,7 +9,7 @@ from typing import ClassVar as _ClassVar, Optional as _Optional, Union as _Union
 DESCRIPTOR: _descriptor.FileDescriptor
 
 class CollectRequest(_message.Message):
-    __slots__ = ("env_id", "policy", "transitions", "episodes", "seed", "action_mode", "num_envs", "first_episode")
+    __slots__ = ("env_id", "policy", "transitions", "episodes", "seed", "action_mode", "num_envs", "first_episode", "scene_options")
     ENV_ID_FIELD_NUMBER: _ClassVar[int]
     POLICY_FIELD_NUMBER: _ClassVar[int]
     TRANSITIONS_FIELD_NUMBER: _ClassVar[int]
@@ -18,6 +18,7 @@ class CollectRequest(_message.Message):
     ACTION_MODE_FIELD_NUMBER: _ClassVar[int]
     NUM_ENVS_FIELD_NUMBER: _ClassVar[int]
     FIRST_EPISODE_FIELD_NUMBER: _ClassVar[int]
+    SCENE_OPTIONS_FIELD_NUMBER: _ClassVar[int]
     env_id: str
     policy: _policy_pb2.Policy
     transitions: int
@@ -26,7 +27,8 @@ class CollectRequest(_message.Message):
     action_mode: _policy_pb2.ActionMode
     num_envs: int
     first_episode: int
-    def __init__(self, env_id: _Optional[str] = ..., policy: _Optional[_Union[_policy_pb2.Policy, _Mapping]] = ..., transitions: _Optional[int] = ..., episodes: _Optional[int] = ..., seed: _Optional[int] = ..., action_mode: _Optional[_Union[_policy_pb2.ActionMode, str]] = ..., num_envs: _Optional[int] = ..., first_episode: _Optional[int] = ...) -> None: ...
+    scene_options: _environment_pb2.SceneOptions
+    def __init__(self, env_id: _Optional[str] = ..., policy: _Optional[_Union[_policy_pb2.Policy, _Mapping]] = ..., transitions: _Optional[int] = ..., episodes: _Optional[int] = ..., seed: _Optional[int] = ..., action_mode: _Optional[_Union[_policy_pb2.ActionMode, str]] = ..., num_envs: _Optional[int] = ..., first_episode: _Optional[int] = ..., scene_options: _Optional[_Union[_environment_pb2.SceneOptions, _Mapping]] = ...) -> None: ...
 
 class CollectResponse(_message.Message):
     __slots__ = ("started", "episode")

@@ -83,12 +83,14 @@ WEATHER_FIXED: Weather
 WEATHER_RANDOM: Weather
 
 class SceneOptions(_message.Message):
-    __slots__ = ("lead_car_probability", "weather")
+    __slots__ = ("lead_car_probability", "weather", "vehicles")
     LEAD_CAR_PROBABILITY_FIELD_NUMBER: _ClassVar[int]
     WEATHER_FIELD_NUMBER: _ClassVar[int]
+    VEHICLES_FIELD_NUMBER: _ClassVar[int]
     lead_car_probability: float
     weather: Weather
-    def __init__(self, lead_car_probability: _Optional[float] = ..., weather: _Optional[_Union[Weather, str]] = ...) -> None: ...
+    vehicles: int
+    def __init__(self, lead_car_probability: _Optional[float] = ..., weather: _Optional[_Union[Weather, str]] = ..., vehicles: _Optional[int] = ...) -> None: ...
 
 class BoxSpace(_message.Message):
     __slots__ = ("dtype", "shape", "low", "high", "names")

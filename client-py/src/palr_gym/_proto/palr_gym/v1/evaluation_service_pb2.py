@@ -12,24 +12,25 @@ from google.protobuf.internal import builder as _builder
 _sym_db = _symbol_database.Default()
 
 
+from palr_gym._proto.palr_gym.v1 import environment_pb2 as palr__gym_dot_v1_dot_environment__pb2
 from palr_gym._proto.palr_gym.v1 import policy_pb2 as palr__gym_dot_v1_dot_policy__pb2
 
 
-DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n$palr_gym/v1/evaluation_service.proto\x12\x0bpalr_gym.v1\x1a\x18palr_gym/v1/policy.proto\"\xca\x01\n\x0f\x45valuateRequest\x12\x0e\n\x06\x65nv_id\x18\x01 \x01(\t\x12#\n\x06policy\x18\x02 \x01(\x0b\x32\x13.palr_gym.v1.Policy\x12\x15\n\x08\x65pisodes\x18\x03 \x01(\rH\x00\x88\x01\x01\x12\x0c\n\x04seed\x18\x04 \x01(\x04\x12,\n\x0b\x61\x63tion_mode\x18\x05 \x01(\x0e\x32\x17.palr_gym.v1.ActionMode\x12\x15\n\x08num_envs\x18\x06 \x01(\rH\x01\x88\x01\x01\x42\x0b\n\t_episodesB\x0b\n\t_num_envs\"\x80\x01\n\x10\x45valuateResponse\x12-\n\x07\x65pisode\x18\x01 \x01(\x0b\x32\x1a.palr_gym.v1.EpisodeResultH\x00\x12\x31\n\x07summary\x18\x02 \x01(\x0b\x32\x1e.palr_gym.v1.EvaluationSummaryH\x00\x42\n\n\x08response\"\x95\x01\n\rEpisodeResult\x12\r\n\x05index\x18\x01 \x01(\r\x12\x0c\n\x04seed\x18\x02 \x01(\x04\x12\x16\n\x0e\x65pisode_return\x18\x03 \x01(\x01\x12\x18\n\x10normalized_score\x18\x04 \x01(\x01\x12\x0e\n\x06length\x18\x05 \x01(\r\x12\x12\n\nterminated\x18\x06 \x01(\x08\x12\x11\n\ttruncated\x18\x07 \x01(\x08\"\xc5\x02\n\x11\x45valuationSummary\x12\x10\n\x08\x65pisodes\x18\x01 \x01(\r\x12\x13\n\x0breturn_mean\x18\x02 \x01(\x01\x12\x1d\n\x15return_standard_error\x18\x03 \x01(\x01\x12\x12\n\nscore_mean\x18\x04 \x01(\x01\x12\x1c\n\x14score_standard_error\x18\x05 \x01(\x01\x12 \n\x18score_interquartile_mean\x18\x06 \x01(\x01\x12$\n\x1cscore_interquartile_mean_low\x18\x07 \x01(\x01\x12%\n\x1dscore_interquartile_mean_high\x18\x08 \x01(\x01\x12\x13\n\x0blength_mean\x18\t \x01(\x01\x12\r\n\x05steps\x18\n \x01(\x04\x12\x13\n\x0bwall_time_s\x18\x0b \x01(\x01\x12\x10\n\x08num_envs\x18\x0c \x01(\r2^\n\x11\x45valuationService\x12I\n\x08\x45valuate\x12\x1c.palr_gym.v1.EvaluateRequest\x1a\x1d.palr_gym.v1.EvaluateResponse0\x01\x62\x06proto3')
+DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n$palr_gym/v1/evaluation_service.proto\x12\x0bpalr_gym.v1\x1a\x1dpalr_gym/v1/environment.proto\x1a\x18palr_gym/v1/policy.proto\"\xfc\x01\n\x0f\x45valuateRequest\x12\x0e\n\x06\x65nv_id\x18\x01 \x01(\t\x12#\n\x06policy\x18\x02 \x01(\x0b\x32\x13.palr_gym.v1.Policy\x12\x15\n\x08\x65pisodes\x18\x03 \x01(\rH\x00\x88\x01\x01\x12\x0c\n\x04seed\x18\x04 \x01(\x04\x12,\n\x0b\x61\x63tion_mode\x18\x05 \x01(\x0e\x32\x17.palr_gym.v1.ActionMode\x12\x15\n\x08num_envs\x18\x06 \x01(\rH\x01\x88\x01\x01\x12\x30\n\rscene_options\x18\x07 \x01(\x0b\x32\x19.palr_gym.v1.SceneOptionsB\x0b\n\t_episodesB\x0b\n\t_num_envs\"\x80\x01\n\x10\x45valuateResponse\x12-\n\x07\x65pisode\x18\x01 \x01(\x0b\x32\x1a.palr_gym.v1.EpisodeResultH\x00\x12\x31\n\x07summary\x18\x02 \x01(\x0b\x32\x1e.palr_gym.v1.EvaluationSummaryH\x00\x42\n\n\x08response\"\x95\x01\n\rEpisodeResult\x12\r\n\x05index\x18\x01 \x01(\r\x12\x0c\n\x04seed\x18\x02 \x01(\x04\x12\x16\n\x0e\x65pisode_return\x18\x03 \x01(\x01\x12\x18\n\x10normalized_score\x18\x04 \x01(\x01\x12\x0e\n\x06length\x18\x05 \x01(\r\x12\x12\n\nterminated\x18\x06 \x01(\x08\x12\x11\n\ttruncated\x18\x07 \x01(\x08\"\xc5\x02\n\x11\x45valuationSummary\x12\x10\n\x08\x65pisodes\x18\x01 \x01(\r\x12\x13\n\x0breturn_mean\x18\x02 \x01(\x01\x12\x1d\n\x15return_standard_error\x18\x03 \x01(\x01\x12\x12\n\nscore_mean\x18\x04 \x01(\x01\x12\x1c\n\x14score_standard_error\x18\x05 \x01(\x01\x12 \n\x18score_interquartile_mean\x18\x06 \x01(\x01\x12$\n\x1cscore_interquartile_mean_low\x18\x07 \x01(\x01\x12%\n\x1dscore_interquartile_mean_high\x18\x08 \x01(\x01\x12\x13\n\x0blength_mean\x18\t \x01(\x01\x12\r\n\x05steps\x18\n \x01(\x04\x12\x13\n\x0bwall_time_s\x18\x0b \x01(\x01\x12\x10\n\x08num_envs\x18\x0c \x01(\r2^\n\x11\x45valuationService\x12I\n\x08\x45valuate\x12\x1c.palr_gym.v1.EvaluateRequest\x1a\x1d.palr_gym.v1.EvaluateResponse0\x01\x62\x06proto3')
 
 _globals = globals()
 _builder.BuildMessageAndEnumDescriptors(DESCRIPTOR, _globals)
 _builder.BuildTopDescriptorsAndMessages(DESCRIPTOR, 'palr_gym.v1.evaluation_service_pb2', _globals)
 if not _descriptor._USE_C_DESCRIPTORS:
   DESCRIPTOR._loaded_options = None
-  _globals['_EVALUATEREQUEST']._serialized_start=80
-  _globals['_EVALUATEREQUEST']._serialized_end=282
-  _globals['_EVALUATERESPONSE']._serialized_start=285
-  _globals['_EVALUATERESPONSE']._serialized_end=413
-  _globals['_EPISODERESULT']._serialized_start=416
-  _globals['_EPISODERESULT']._serialized_end=565
-  _globals['_EVALUATIONSUMMARY']._serialized_start=568
-  _globals['_EVALUATIONSUMMARY']._serialized_end=893
-  _globals['_EVALUATIONSERVICE']._serialized_start=895
-  _globals['_EVALUATIONSERVICE']._serialized_end=989
+  _globals['_EVALUATEREQUEST']._serialized_start=111
+  _globals['_EVALUATEREQUEST']._serialized_end=363
+  _globals['_EVALUATERESPONSE']._serialized_start=366
+  _globals['_EVALUATERESPONSE']._serialized_end=494
+  _globals['_EPISODERESULT']._serialized_start=497
+  _globals['_EPISODERESULT']._serialized_end=646
+  _globals['_EVALUATIONSUMMARY']._serialized_start=649
+  _globals['_EVALUATIONSUMMARY']._serialized_end=974
+  _globals['_EVALUATIONSERVICE']._serialized_start=976
+  _globals['_EVALUATIONSERVICE']._serialized_end=1070
 # @@protoc_insertion_point(module_scope)

@@ -1,3 +1,4 @@
+from palr_gym._proto.palr_gym.v1 import environment_pb2 as _environment_pb2
 from palr_gym._proto.palr_gym.v1 import policy_pb2 as _policy_pb2
 from google.protobuf import descriptor as _descriptor
 from google.protobuf import message as _message
@@ -7,20 +8,22 @@ from typing import ClassVar as _ClassVar, Optional as _Optional, Union as _Union
 DESCRIPTOR: _descriptor.FileDescriptor
 
 class EvaluateRequest(_message.Message):
-    __slots__ = ("env_id", "policy", "episodes", "seed", "action_mode", "num_envs")
+    __slots__ = ("env_id", "policy", "episodes", "seed", "action_mode", "num_envs", "scene_options")
     ENV_ID_FIELD_NUMBER: _ClassVar[int]
     POLICY_FIELD_NUMBER: _ClassVar[int]
     EPISODES_FIELD_NUMBER: _ClassVar[int]
     SEED_FIELD_NUMBER: _ClassVar[int]
     ACTION_MODE_FIELD_NUMBER: _ClassVar[int]
     NUM_ENVS_FIELD_NUMBER: _ClassVar[int]
+    SCENE_OPTIONS_FIELD_NUMBER: _ClassVar[int]
     env_id: str
     policy: _policy_pb2.Policy
     episodes: int
     seed: int
     action_mode: _policy_pb2.ActionMode
     num_envs: int
-    def __init__(self, env_id: _Optional[str] = ..., policy: _Optional[_Union[_policy_pb2.Policy, _Mapping]] = ..., episodes: _Optional[int] = ..., seed: _Optional[int] = ..., action_mode: _Optional[_Union[_policy_pb2.ActionMode, str]] = ..., num_envs: _Optional[int] = ...) -> None: ...
+    scene_options: _environment_pb2.SceneOptions
+    def __init__(self, env_id: _Optional[str] = ..., policy: _Optional[_Union[_policy_pb2.Policy, _Mapping]] = ..., episodes: _Optional[int] = ..., seed: _Optional[int] = ..., action_mode: _Optional[_Union[_policy_pb2.ActionMode, str]] = ..., num_envs: _Optional[int] = ..., scene_options: _Optional[_Union[_environment_pb2.SceneOptions, _Mapping]] = ...) -> None: ...
 
 class EvaluateResponse(_message.Message):
     __slots__ = ("episode", "summary")

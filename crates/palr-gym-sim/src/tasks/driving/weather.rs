@@ -6,7 +6,7 @@ use palr_gym_core::random::Generator;
 use crate::render::Weather;
 
 /// Numbers in the user data.
-pub(super) const NUMBERS: usize = RANGES.len() + 1;
+pub(in crate::tasks) const NUMBERS: usize = RANGES.len() + 1;
 /// What is drawn, each uniformly: where the sun is (azimuth and height, in radians), how bright, and
 /// how warm; light from everywhere; where fog is complete (m), beyond which there is none, and its
 /// grey; red, green and blue of the ground; brightness of road and markings.
@@ -30,7 +30,7 @@ const FOG_SEEN_M: f64 = 110.0;
 const FOG_BEGIN: f64 = 0.15;
 
 /// Fills `numbers`: the first says whether there is any weather.
-pub(super) fn draw(mode: WeatherMode, generator: &mut Generator, numbers: &mut [f64]) {
+pub(in crate::tasks) fn draw(mode: WeatherMode, generator: &mut Generator, numbers: &mut [f64]) {
     numbers.fill(0.0);
     if mode == WeatherMode::Random {
         numbers[0] = 1.0;
@@ -41,7 +41,7 @@ pub(super) fn draw(mode: WeatherMode, generator: &mut Generator, numbers: &mut [
 }
 
 /// The weather that `numbers` describe; `None`: as the scene has it.
-pub(super) fn read(numbers: &[f64]) -> Option<Weather> {
+pub(in crate::tasks) fn read(numbers: &[f64]) -> Option<Weather> {
     let (is_drawn, numbers) = numbers.split_first()?;
     if *is_drawn != 1.0 {
         return None;
@@ -60,10 +60,11 @@ pub(super) fn read(numbers: &[f64]) -> Option<Weather> {
         fog_m: (fog_m < FOG_SEEN_M).then_some(((FOG_BEGIN * fog_m) as f32, fog_m as f32)),
         fog_brightness: fog as f32,
         tints: vec![
-            ("ground", [red, green, blue].map(|entry| entry as f32)),
-            ("road", grey(road)),
-            ("edges", grey(marks)),
-            ("dashes", grey(marks)),
+            ("grass", [red, green, blue].map(|entry| entry as f32)),
+            ("asphalt", grey(road)),
+            ("walk", grey(road)),
+            ("edge", grey(marks)),
+            ("dash", grey(marks)),
         ],
     })
 }
