@@ -37,6 +37,7 @@ from palr_gym.session import SceneOptions, Session
 from palr_gym.specs import (
     EnvironmentSpec,
     Expert,
+    FeatureExtractor,
     FidelityProfile,
     OpenGl,
     ReferenceReturns,
@@ -59,6 +60,7 @@ __all__ = [
     "Evaluation",
     "Expert",
     "FailedPrecondition",
+    "FeatureExtractor",
     "FidelityProfile",
     "Hscic",
     "InvalidArgument",
