@@ -1,9 +1,11 @@
 //! What a server allows.
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use palr_gym_onnx::PolicyLimits;
 use palr_gym_sim::render::GlChoice;
+use palr_gym_vision::Extractor;
 
 /// Everything that can be chosen about a server, but for where it listens.
 #[derive(Debug, Clone)]
@@ -12,6 +14,8 @@ pub struct ServerConfig {
     pub simulation_threads: usize,
     /// What pictures are drawn with; loaded when the first one is asked for.
     pub gl: GlChoice,
+    /// What makes features of agents' pictures; unset: the one that ships.
+    pub extractor: Option<Arc<Extractor>>,
     /// What clients may ask for.
     pub limits: Limits,
     /// How long a shutdown waits for running work.
@@ -24,6 +28,7 @@ impl Default for ServerConfig {
         Self {
             simulation_threads: std::thread::available_parallelism().map_or(1, usize::from),
             gl: GlChoice::default(),
+            extractor: None,
             limits: Limits::default(),
             drain_timeout: Duration::from_secs(10),
         }

@@ -3,11 +3,13 @@
 use bytes::Bytes;
 use faer::Mat;
 use palr_gym_core::{
-    ActionMode, AutoresetMode, BoxSpace, EnvSpec, Fidelity, Mask, OutOfBounds, SceneOptions,
-    WeatherMode,
+    ActionMode, AutoresetMode, BoxSpace, EnvSpec, Fidelity, Mask, ObservationKind, OutOfBounds,
+    SceneOptions, WeatherMode,
 };
 use palr_gym_proto::v1;
+use palr_gym_sim::render::gl_info;
 use palr_gym_sim::{Task, VectorOptions, tasks};
+use palr_gym_vision::Extractor;
 
 use crate::encode::ObservationType;
 use crate::error::ServerError;
@@ -164,7 +166,7 @@ fn names(names: &[&str]) -> Vec<String> {
 fn box_space(space: BoxSpace, dtype: v1::DataType) -> v1::BoxSpace {
     v1::BoxSpace {
         dtype: dtype.into(),
-        shape: vec![space.len() as i64],
+        shape: space.shape.iter().map(|&size| size as i64).collect(),
         low: space.low,
         high: space.high,
         names: space.names,
@@ -176,6 +178,7 @@ fn mask(mask: Mask) -> v1::Mask {
         Mask::Full => v1::Mask::Full,
         Mask::Paper => v1::Mask::Paper,
         Mask::Strict => v1::Mask::Strict,
+        Mask::Pixels => v1::Mask::Pixels,
     }
 }
 
@@ -190,7 +193,7 @@ fn reference_returns(returns: palr_gym_core::ReferenceReturns) -> v1::ReferenceR
 /// What an environment is.
 pub(crate) fn environment_spec(
     spec: &EnvSpec,
-    observation_type: ObservationType,
+    observation_dtype: v1::DataType,
 ) -> v1::EnvironmentSpec {
     let task = spec.task;
     v1::EnvironmentSpec {
@@ -198,7 +201,7 @@ pub(crate) fn environment_spec(
         task: task.name.to_owned(),
         mask: mask(spec.env_id.mask).into(),
         frame_stack: spec.env_id.frame_stack as u32,
-        observation_space: Some(box_space(spec.observation_space(), observation_type.dtype())),
+        observation_space: Some(box_space(spec.observation_space(), observation_dtype)),
         action_space: Some(box_space(spec.action_space(), v1::DataType::Float32)),
         max_episode_steps: task.max_episode_steps,
         frame_skip: task.frame_skip,
@@ -212,7 +215,35 @@ pub(crate) fn environment_spec(
         equals: task.equals.to_owned(),
         reset_info_names: names(task.reset_info_names),
         camera_names: names(task.camera_names),
+        observation_kind: match spec.observation {
+            ObservationKind::State => v1::ObservationKind::State,
+            ObservationKind::Features { .. } => v1::ObservationKind::Features,
+            ObservationKind::Pixels => v1::ObservationKind::Pixels,
+        }
+        .into(),
+        feature_extractor: None,
     }
+}
+
+/// What makes features.
+pub(crate) fn feature_extractor(extractor: &Extractor) -> v1::FeatureExtractor {
+    let (height_px, width_px) = extractor.picture_size_px();
+    v1::FeatureExtractor {
+        name: extractor.name().to_owned(),
+        sha256: extractor.sha256().to_owned(),
+        size: extractor.size() as u32,
+        height_px,
+        width_px,
+    }
+}
+
+/// What draws pictures; `None` until something was drawn.
+pub(crate) fn opengl() -> Option<v1::OpenGl> {
+    gl_info().map(|info| v1::OpenGl {
+        library: info.library.to_owned(),
+        renderer: info.renderer,
+        version: info.version,
+    })
 }
 
 /// What a task is.
@@ -416,20 +447,32 @@ pub(crate) fn evaluation_summary(summary: &EvaluationSummary) -> v1::EvaluateRes
     }
 }
 
-pub(crate) fn episode_transitions(episode: &EpisodeTransitions) -> v1::CollectResponse {
+pub(crate) fn episode_transitions(
+    spec: &EnvSpec,
+    episode: &EpisodeTransitions,
+) -> v1::CollectResponse {
     let length = episode.len();
     let rows = |values: &[f64]| float64(values, &[length, values.len() / length.max(1)]);
+    let frames = |values: &[f64]| match spec.observation {
+        ObservationKind::Pixels => {
+            let bytes: Vec<u8> = values.iter().map(|&value| value as u8).collect();
+            let sizes = spec.observation_shape();
+            let shape: Vec<usize> = std::iter::once(length).chain(sizes).collect();
+            tensor(v1::DataType::Uint8, &bytes, &shape)
+        }
+        ObservationKind::State | ObservationKind::Features { .. } => rows(values),
+    };
     v1::CollectResponse {
         response: Some(v1::collect_response::Response::Episode(v1::EpisodeTransitions {
             index: episode.index,
             seed: episode.seed,
-            observations: Some(rows(&episode.observations)),
+            observations: Some(frames(&episode.observations)),
             actions: Some(float32(
                 &episode.actions,
                 &[length, episode.actions.len() / length.max(1)],
             )),
             rewards: Some(float64(&episode.rewards, &[length])),
-            next_observations: Some(rows(&episode.next_observations)),
+            next_observations: Some(frames(&episode.next_observations)),
             terminated: episode.terminated,
             truncated: episode.truncated,
             cut: episode.cut,

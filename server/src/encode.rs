@@ -1,7 +1,7 @@
 //! Answers as messages, encoded on the simulation thread.
 
 use bytes::{BufMut, Bytes, BytesMut};
-use palr_gym_core::EnvSpec;
+use palr_gym_core::{EnvSpec, ObservationKind};
 use palr_gym_proto::v1;
 use palr_gym_sim::{DivergedEpisode, Divergence, StepFrame, VectorOptions};
 
@@ -26,15 +26,6 @@ impl ObservationType {
         match self {
             Self::Float64 => v1::DataType::Float64,
             Self::Float32 => v1::DataType::Float32,
-        }
-    }
-
-    /// Bytes of an element.
-    #[must_use]
-    pub fn size(self) -> usize {
-        match self {
-            Self::Float64 => size_of::<f64>(),
-            Self::Float32 => size_of::<f32>(),
         }
     }
 }
@@ -91,22 +82,14 @@ impl<'a> Payload<'a> {
         self.put(v1::DataType::Bool, values, shape)
     }
 
-    fn observations(
-        &mut self,
-        observation_type: ObservationType,
-        values: &[f64],
-        shape: Vec<i64>,
-    ) -> v1::Tensor {
-        match observation_type {
-            ObservationType::Float64 => self.float64(values, shape),
-            ObservationType::Float32 => {
-                for &value in values {
-                    self.bytes.put_f32_le(value as f32);
-                }
-                let data = self.bytes.split().freeze();
-                v1::Tensor { dtype: v1::DataType::Float32.into(), shape, data }
-            }
+    fn observations(&mut self, dtype: v1::DataType, values: &[f64], shape: Vec<i64>) -> v1::Tensor {
+        match dtype {
+            v1::DataType::Float32 => values.iter().for_each(|&v| self.bytes.put_f32_le(v as f32)),
+            // Whole numbers within 0 and 255, so nothing is lost.
+            v1::DataType::Uint8 => self.bytes.extend(values.iter().map(|&value| value as u8)),
+            _ => return self.float64(values, shape),
         }
+        v1::Tensor { dtype: dtype.into(), shape, data: self.bytes.split().freeze() }
     }
 }
 
@@ -124,10 +107,30 @@ impl WireEncode {
         }
     }
 
+    /// Element type of observations of `spec` on the wire: pictures are bytes in any case.
+    #[must_use]
+    pub fn observation_dtype(self, spec: &EnvSpec) -> v1::DataType {
+        match spec.observation {
+            ObservationKind::Pixels => v1::DataType::Uint8,
+            ObservationKind::State | ObservationKind::Features { .. } => {
+                self.observation_type.dtype()
+            }
+        }
+    }
+
+    fn observation_bytes(self, spec: &EnvSpec) -> usize {
+        let element = match self.observation_dtype(spec) {
+            v1::DataType::Uint8 => size_of::<u8>(),
+            v1::DataType::Float32 => size_of::<f32>(),
+            _ => size_of::<f64>(),
+        };
+        spec.observation_size() * element
+    }
+
     /// Bytes of arrays in the answer to one step, final observations included.
     #[must_use]
     pub fn step_bytes(self, spec: &EnvSpec, num_envs: usize) -> usize {
-        let observation = spec.observation_size() * self.observation_type.size();
+        let observation = self.observation_bytes(spec);
         let numbers = 1 + spec.task.info_names.len() + spec.task.reset_info_names.len();
         num_envs * (2 * observation + numbers * size_of::<f64>() + 2)
     }
@@ -139,25 +142,23 @@ impl WireEncode {
         shape: &[usize],
         room: &mut BytesMut,
     ) -> WireAnswer {
-        let size = spec.observation_size();
-        let shape_with = |last: Option<usize>| -> Vec<i64> {
-            shape.iter().copied().chain(last).map(|size| size as i64).collect()
-        };
-        let capacity = frame.observations.len() * self.observation_type.size()
+        let shape_with =
+            |last: &[usize]| -> Vec<i64> { shape.iter().chain(last).map(|&n| n as i64).collect() };
+        let capacity = frame.rewards.len() * self.observation_bytes(spec)
             + (frame.rewards.len() + frame.info.len()) * size_of::<f64>()
             + frame.terminated.len()
             + frame.truncated.len();
         let mut payload = Payload::new(room, capacity);
         let mut answer = v1::StepResponse {
             observations: Some(payload.observations(
-                self.observation_type,
+                self.observation_dtype(spec),
                 &frame.observations,
-                shape_with(Some(size)),
+                shape_with(&spec.observation_shape()),
             )),
-            rewards: Some(payload.float64(&frame.rewards, shape_with(None))),
-            terminated: Some(payload.boolean(&frame.terminated, shape_with(None))),
-            truncated: Some(payload.boolean(&frame.truncated, shape_with(None))),
-            info: Some(payload.float64(&frame.info, shape_with(Some(spec.task.info_names.len())))),
+            rewards: Some(payload.float64(&frame.rewards, shape_with(&[]))),
+            terminated: Some(payload.boolean(&frame.terminated, shape_with(&[]))),
+            truncated: Some(payload.boolean(&frame.truncated, shape_with(&[]))),
+            info: Some(payload.float64(&frame.info, shape_with(&[spec.task.info_names.len()]))),
             ..v1::StepResponse::default()
         };
         if !frame.final_observations.is_empty() {
@@ -179,25 +180,25 @@ impl WireEncode {
             ended.iter().flat_map(|row| &values[row * size..(row + 1) * size]).copied().collect()
         };
         let (size, reset_size) = (spec.observation_size(), spec.task.reset_info_names.len());
-        let shape = |size: usize| vec![ended.len() as i64, size as i64];
+        let shape = |sizes: &[usize]| shape_of(ended.len(), sizes);
         let observations = rows(&frame.final_observations, size);
         let mut room = BytesMut::new();
         let mut payload = Payload::new(&mut room, 0);
+        let (dtype, shape_of_one) = (self.observation_dtype(spec), spec.observation_shape());
         answer.final_observations =
-            Some(payload.observations(self.observation_type, &observations, shape(size)));
+            Some(payload.observations(dtype, &observations, shape(&shape_of_one)));
         if reset_size > 0 {
             let reset_info = rows(&frame.reset_info, reset_size);
-            answer.reset_info = Some(payload.float64(&reset_info, shape(reset_size)));
+            answer.reset_info = Some(payload.float64(&reset_info, shape(&[reset_size])));
         }
     }
 
     fn standing(self, spec: &EnvSpec, observations: &[f64]) -> v1::Tensor {
-        let size = spec.observation_size();
-        let shape = vec![(observations.len() / size) as i64, size as i64];
+        let count = observations.len() / spec.observation_size();
         let mut room = BytesMut::new();
-        let mut payload =
-            Payload::new(&mut room, observations.len() * self.observation_type.size());
-        payload.observations(self.observation_type, observations, shape)
+        let mut payload = Payload::new(&mut room, count * self.observation_bytes(spec));
+        let shape = shape_of(count, &spec.observation_shape());
+        payload.observations(self.observation_dtype(spec), observations, shape)
     }
 
     /// The state of a session that was restored or opened from a snapshot.
@@ -220,6 +221,11 @@ impl WireEncode {
     }
 }
 
+/// `[count, ...sizes]`.
+fn shape_of(count: usize, sizes: &[usize]) -> Vec<i64> {
+    std::iter::once(&count).chain(sizes).map(|&size| size as i64).collect()
+}
+
 fn diverged(episode: &DivergedEpisode) -> v1::DivergedEpisode {
     let reason = match episode.divergence {
         Divergence::Inertia => v1::Divergence::Inertia,
@@ -231,6 +237,7 @@ fn diverged(episode: &DivergedEpisode) -> v1::DivergedEpisode {
         Divergence::BadControl => v1::Divergence::BadControl,
         Divergence::NotFinite => v1::Divergence::NotFinite,
         Divergence::EngineError => v1::Divergence::EngineError,
+        Divergence::Unseen => v1::Divergence::Unseen,
     };
     v1::DivergedEpisode {
         step: episode.step as u32,

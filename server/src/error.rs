@@ -4,6 +4,7 @@ use palr_gym_core::EnvIdError;
 use palr_gym_leakage::LeakageError;
 use palr_gym_onnx::OnnxError;
 use palr_gym_sim::SimError;
+use palr_gym_vision::VisionError;
 
 use crate::dm_env_rpc::DmEnvRpcError;
 use crate::session::SessionId;
@@ -14,6 +15,9 @@ pub enum ServerError {
     /// From the simulation.
     #[error(transparent)]
     Sim(#[from] SimError),
+    /// From the feature extractor.
+    #[error(transparent)]
+    Vision(#[from] VisionError),
     /// From the policy, before any episode.
     #[error(transparent)]
     Policy(#[from] OnnxError),

@@ -2,10 +2,9 @@
 
 use faer::Mat;
 use palr_gym_core::random::Generator;
-use palr_gym_core::{ActionMode, tanh_gaussian};
+use palr_gym_core::{ActionMode, EnvSpec, tanh_gaussian};
 use palr_gym_leakage::{Hscic, HscicConfig, Interval, block_bootstrap, hscic, refuse_constant};
 use palr_gym_onnx::{Policy, PolicyLimits};
-use palr_gym_sim::resolve;
 
 use crate::error::ServerError;
 use crate::experts::{EXPERTS, expert};
@@ -27,7 +26,7 @@ pub struct PolicySubject {
     /// The policy.
     pub policy: PolicyChoice,
     /// The environment that the observations come from.
-    pub env_id: String,
+    pub spec: EnvSpec,
     /// `[n, observation_size]`.
     pub observations: Mat<f64>,
     /// Sampled or deterministic actions.
@@ -100,7 +99,7 @@ pub fn estimate(
 impl PolicySubject {
     /// What the policy does on each observation, `[n, action_size]`.
     fn act(&self, seed: u64) -> Result<Mat<f64>, ServerError> {
-        let (_, spec) = resolve(&self.env_id)?;
+        let spec = &self.spec;
         let (samples, width) = self.observations.shape();
         let size = spec.observation_size();
         if width != size {

@@ -5,7 +5,7 @@
 //! - [`session`], [`sessions`]: one session as an actor on the simulation threads; all of them.
 //! - [`rollout`]: whole episodes played by the server itself, for evaluation and collection.
 //! - [`leakage`]: HSCIC of uploaded arrays, or of what a policy does on them.
-//! - [`pictures`]: what sessions look like.
+//! - [`pictures`]: what sessions look like; [`vision`]: what agents see.
 //! - [`dm_env_rpc`]: DeepMind's protocol, on top of sessions.
 //! - [`experts`]: the policies that ship with the server.
 //! - [`error`], [`status`]: domain errors; the one map from them to gRPC statuses.
@@ -27,6 +27,7 @@ pub mod session;
 pub mod sessions;
 pub mod status;
 pub mod transport;
+pub mod vision;
 
 pub use config::{Limits, ServerConfig};
 pub use error::ServerError;

@@ -23,6 +23,7 @@ use crate::config::Limits;
 use crate::dm_env_rpc::Worlds;
 use crate::encode::WireEncode;
 use crate::sessions::Sessions;
+use crate::vision::Vision;
 
 /// What the services share.
 #[derive(Clone)]
@@ -35,6 +36,8 @@ pub struct Services {
     pub limits: Limits,
     /// What pictures are drawn with.
     pub gl: GlChoice,
+    /// What agents see.
+    pub vision: Arc<Vision>,
     /// Where physics runs.
     pub threads: SimulationThreads,
     /// One permit for each evaluation or collection that may run.

@@ -4,18 +4,18 @@ use std::collections::HashMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use palr_gym_core::SceneOptions;
-use palr_gym_sim::{
-    SimError, SimulationThreads, Snapshot, VectorEnv, VectorOptions, resolve_scene,
-};
+use palr_gym_sim::{SimError, SimulationThreads, Snapshot, VectorEnv, VectorOptions};
 
 use crate::config::Limits;
 use crate::error::ServerError;
 use crate::session::{Encode, Session, SessionId};
+use crate::vision::Vision;
 
 /// All sessions of a server.
 pub struct Sessions<E: Encode> {
     limits: Limits,
     threads: SimulationThreads,
+    vision: Arc<Vision>,
     open: Mutex<Open<E>>,
 }
 
@@ -30,9 +30,9 @@ struct Open<E: Encode> {
 
 impl<E: Encode> Sessions<E> {
     /// No sessions yet.
-    pub fn new(limits: Limits, threads: SimulationThreads) -> Self {
+    pub fn new(limits: Limits, threads: SimulationThreads, vision: Arc<Vision>) -> Self {
         let open = Open { sessions: HashMap::new(), building: 0, envs: 0, is_draining: false };
-        Self { limits, threads, open: Mutex::new(open) }
+        Self { limits, threads, vision, open: Mutex::new(open) }
     }
 
     /// Opens a session. Building environments takes about a millisecond for ten: call it where
@@ -77,14 +77,15 @@ impl<E: Encode> Sessions<E> {
         encode: E,
         prepare: impl FnOnce(&mut VectorEnv) -> Result<(), SimError>,
     ) -> Result<Arc<Session<E>>, ServerError> {
-        let (task, spec) = resolve_scene(env_id, scene)?;
+        let (task, spec, sight) = self.vision.resolve(env_id, scene)?;
         let max = self.limits.max_envs_per_session;
         let count = usize::try_from(num_envs)
             .ok()
             .filter(|count| (1..=max).contains(count))
             .ok_or(ServerError::NumEnvs { got: num_envs, max })?;
         self.reserve(count)?;
-        let built = VectorEnv::new(task, spec, count, options, self.threads.clone())
+        let threads = self.threads.clone();
+        let built = VectorEnv::seeing(task, spec, count, options, threads, sight)
             .and_then(|mut env| prepare(&mut env).map(|()| env));
         let mut open = self.lock();
         open.building -= 1;

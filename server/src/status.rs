@@ -13,6 +13,7 @@ use palr_gym_onnx::OnnxError;
 use palr_gym_proto::google::rpc;
 use palr_gym_sim::render::RenderError;
 use palr_gym_sim::{SimError, SnapshotError};
+use palr_gym_vision::VisionError;
 use prost::Message;
 use tonic::{Code, Status};
 use tonic_types::{ErrorDetails, StatusExt};
@@ -67,6 +68,7 @@ fn place_sim(error: &SimError) -> Place {
             | SnapshotError::Malformed { .. },
         ) => invalid("INVALID_SNAPSHOT", "snapshot"),
         SimError::Render(error) => place_render(error),
+        SimError::Extractor(_) => place(Code::FailedPrecondition, "FEATURE_EXTRACTOR"),
         SimError::Engine(_) => place(Code::Internal, "ENGINE"),
         SimError::Threads { .. } => place(Code::Internal, "THREADS"),
         SimError::ActionCount { .. } => invalid("ACTION_SHAPE", "actions"),
@@ -90,6 +92,20 @@ fn place_render(error: &RenderError) -> Place {
         RenderError::Engine { .. } => place(Code::FailedPrecondition, "OPENGL_UNFIT"),
         RenderError::Camera { .. } => invalid("UNKNOWN_CAMERA", "camera"),
         RenderError::Size { .. } => invalid("IMAGE_SIZE", "width_px"),
+    }
+}
+
+fn place_vision(error: &VisionError) -> Place {
+    match error {
+        VisionError::Model(OnnxError::RuntimeMissing { .. }) => {
+            place(Code::FailedPrecondition, "ORT_MISSING")
+        }
+        VisionError::File { .. }
+        | VisionError::Model(_)
+        | VisionError::Metadata { .. }
+        | VisionError::Size { .. }
+        | VisionError::Batch
+        | VisionError::Pictures { .. } => place(Code::FailedPrecondition, "FEATURE_EXTRACTOR"),
     }
 }
 
@@ -152,6 +168,7 @@ fn place_dm_env_rpc(error: &DmEnvRpcError) -> Place {
 fn place_server(error: &ServerError) -> Place {
     match error {
         ServerError::Sim(error) => place_sim(error),
+        ServerError::Vision(error) => place_vision(error),
         ServerError::Policy(error) | ServerError::PolicyInEpisode { source: error, .. } => {
             place_policy(error)
         }

@@ -37,6 +37,7 @@ use crate::error::ServerError;
 use crate::services::Services;
 use crate::services::guard::GuardLayer;
 use crate::sessions::Sessions;
+use crate::vision::Vision;
 
 /// How often idle sessions are looked for.
 const REAP_PERIOD: Duration = Duration::from_secs(5);
@@ -169,11 +170,13 @@ impl Server {
     /// [`ServerError::Sim`] if the system has no threads to give.
     pub fn new(config: ServerConfig) -> Result<Self, ServerError> {
         let threads = SimulationThreads::start(config.simulation_threads)?;
+        let vision = Arc::new(Vision::new(config.gl, config.extractor.clone()));
         let services = Services {
-            sessions: Arc::new(Sessions::new(config.limits, threads.clone())),
+            sessions: Arc::new(Sessions::new(config.limits, threads.clone(), Arc::clone(&vision))),
             worlds: Arc::new(Worlds::new(config.limits.max_sessions, config.limits.session_idle)),
             limits: config.limits,
             gl: config.gl,
+            vision,
             threads,
             rollouts_at_work: Arc::default(),
             rollouts: Arc::new(Semaphore::new(config.limits.max_rollouts)),

@@ -10,6 +10,7 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("palr-gym-proto", &[]),
     ("palr-gym-core", &[]),
     ("palr-gym-onnx", &[]),
+    ("palr-gym-vision", &["palr-gym-onnx"]),
     ("palr-gym-data", &["palr-gym-core"]),
     ("palr-gym-leakage", &["palr-gym-core"]),
     ("palr-gym-sim", &["palr-gym-core"]),
@@ -22,6 +23,7 @@ const ARROWS: &[(&str, &[&str])] = &[
             "palr-gym-onnx",
             "palr-gym-proto",
             "palr-gym-sim",
+            "palr-gym-vision",
         ],
     ),
     ("palr-gym-trainer", &["palr-gym-core", "palr-gym-data", "palr-gym-proto"]),
@@ -35,6 +37,7 @@ const ARROWS: &[(&str, &[&str])] = &[
             "palr-gym-server",
             "palr-gym-sim",
             "palr-gym-trainer",
+            "palr-gym-vision",
         ],
     ),
 ];

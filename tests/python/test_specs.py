@@ -148,7 +148,11 @@ def test_the_server_says_what_it_is_and_allows(client: Client) -> None:
 def test_the_lane_task_is_listed_with_its_own_facts(client: Client) -> None:
     [task] = [task for task in client.tasks() if task.name == "lane"]
     assert (task.equals, task.action_size, task.max_episode_steps) == ("", 2, 250)
-    assert list(task.masks) == ["full"]
+    assert {mask: len(indices) for mask, indices in task.masks.items()} == {
+        "full": 12,
+        "paper": 0,
+        "pixels": 0,
+    }
     assert [profile.name for profile in task.fidelity_profiles] == ["gym4"]
     assert task.expert is not None
     assert task.expert.sha256 == ""

@@ -4,19 +4,20 @@
 //! written from the journal under another name and renamed. So the file is whole or absent, and
 //! an interruption at any moment costs at most the episodes that were in flight.
 
+mod rows;
 mod scene_record;
 
-use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
 use palr_gym_core::{ActionMode, EnvId};
-use palr_gym_data::{D4rlShape, D4rlWriter, Episode, Metadata};
+use palr_gym_data::{D4rlWriter, Metadata};
 use palr_gym_proto::v1;
 use palr_gym_proto::v1::collect_request::Amount;
 use palr_gym_proto::v1::collect_response::Response;
 use prost::Message;
 use serde::{Deserialize, Serialize};
 
+use self::rows::{decode, episode, length, shape};
 use self::scene_record::SceneRecord;
 use crate::client::Client;
 use crate::error::ClientError;
@@ -100,6 +101,19 @@ struct Header {
     scene_options: Option<SceneRecord>,
     palr_gym_version: String,
     mujoco_version: String,
+    /// Of what made features, if the observations are features.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    extractor: String,
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    extractor_sha256: String,
+    /// Of what drew, if the observations are pictures or made of them.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    gl_library: String,
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    gl_renderer: String,
+    /// Names Mesa's version.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    gl_version: String,
 }
 
 /// A journal, open or not yet begun.
@@ -359,12 +373,19 @@ fn header(
     started: v1::CollectionStarted,
 ) -> Result<Header, ClientError> {
     let spec = started.spec.ok_or_else(|| ClientError::Protocol("no spec in the answer".into()))?;
+    let extractor = spec.feature_extractor.unwrap_or_default();
+    let opengl = started.opengl.unwrap_or_default();
     let server_side = Header {
         env_id: spec.env_id,
         policy_sha256: started.policy_sha256,
         num_envs: started.num_envs,
         palr_gym_version: info.version.clone(),
         mujoco_version: info.mujoco_version.clone(),
+        extractor: extractor.name,
+        extractor_sha256: extractor.sha256,
+        gl_library: opengl.library,
+        gl_renderer: opengl.renderer,
+        gl_version: opengl.version,
         policy: String::new(),
         action_mode: String::new(),
         seed: 0,
@@ -373,15 +394,6 @@ fn header(
         scene_options: None,
     };
     Ok(server_side.as_asked(options))
-}
-
-fn decode(path: &Path, record: &[u8]) -> Result<v1::EpisodeTransitions, ClientError> {
-    v1::EpisodeTransitions::decode(record)
-        .map_err(|error| ClientError::file(path, format!("holds an unreadable episode: {error}")))
-}
-
-fn length(episode: &v1::EpisodeTransitions) -> usize {
-    episode.rewards.as_ref().map_or(0, |rewards| rewards.data.len() / size_of::<f64>())
 }
 
 /// Writes the journal's episodes to `out`, by way of a file that is renamed when it is whole.
@@ -432,7 +444,15 @@ fn metadata(
     let request = serde_json::to_string(header)
         .map_err(|error| ClientError::Protocol(format!("cannot encode the request: {error}")))?;
     let text = |value: &str| Metadata::Text(value.to_owned());
-    Ok(vec![
+    let seen = [
+        ("extractor", &header.extractor),
+        ("extractor_sha256", &header.extractor_sha256),
+        ("gl_library", &header.gl_library),
+        ("gl_renderer", &header.gl_renderer),
+        ("gl_version", &header.gl_version),
+    ];
+    let seen = seen.into_iter().filter(|(_, value)| !value.is_empty());
+    let mut metadata = vec![
         ("action_mode", text(&header.action_mode)),
         ("env_id", text(&header.env_id)),
         ("episodes", Metadata::Integer(i64::from(progress.episodes))),
@@ -443,43 +463,7 @@ fn metadata(
         ("policy_sha256", text(&header.policy_sha256)),
         ("request", Metadata::Text(request)),
         ("seed", Metadata::Integer(header.seed.cast_signed())),
-    ])
-}
-
-fn shape(episode: &Episode<'_>, wire: &v1::EpisodeTransitions, progress: Progress) -> D4rlShape {
-    let width = |count: usize| count / episode.len().max(1);
-    D4rlShape {
-        transitions: progress.transitions as usize,
-        observation_size: width(episode.observations.len()),
-        action_size: width(episode.actions.len()),
-        nq: width(episode.qpos.len()),
-        nv: width(episode.qvel.len()),
-        has_action_log_probs: wire.action_log_probs.is_some(),
-    }
-}
-
-fn episode(wire: &v1::EpisodeTransitions) -> Episode<'_> {
-    Episode {
-        index: wire.index,
-        observations: values(wire.observations.as_ref()),
-        actions: values(wire.actions.as_ref()),
-        rewards: values(wire.rewards.as_ref()),
-        next_observations: values(wire.next_observations.as_ref()),
-        qpos: values(wire.qpos.as_ref()),
-        qvel: values(wire.qvel.as_ref()),
-        action_log_probs: values(wire.action_log_probs.as_ref()),
-        terminated: wire.terminated,
-        timed_out: wire.truncated || wire.cut,
-    }
-}
-
-/// A tensor's elements; none for an unset or misshapen one, which the writer then refuses.
-fn values<T: bytemuck::AnyBitPattern + bytemuck::NoUninit>(
-    tensor: Option<&v1::Tensor>,
-) -> Cow<'_, [T]> {
-    let bytes: &[u8] = tensor.map_or(&[], |tensor| &tensor.data);
-    if !bytes.len().is_multiple_of(size_of::<T>()) {
-        return Cow::Owned(Vec::new());
-    }
-    Cow::Owned(bytemuck::allocation::pod_collect_to_vec(bytes))
+    ];
+    metadata.extend(seen.map(|(name, value)| (name, text(value))));
+    Ok(metadata)
 }

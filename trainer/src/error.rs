@@ -50,6 +50,28 @@ pub enum ClientError {
     /// A data set.
     #[error(transparent)]
     Data(#[from] palr_gym_data::DataError),
+    /// Pictures, which no method here learns from.
+    #[error(
+        "{env_id} shows pictures, and the methods learn from vectors; record and train on features instead, which the same id without -pixels shows"
+    )]
+    Pixels {
+        /// The environment.
+        env_id: String,
+    },
+    /// Features of another extractor than the server's.
+    #[error(
+        "{} holds features of the extractor with SHA-256 {got}; {env_id} shows those of {want} on this server. Record them anew, or serve with --extractor", path.display()
+    )]
+    Extractor {
+        /// The file.
+        path: PathBuf,
+        /// The environment.
+        env_id: String,
+        /// As the file says.
+        got: String,
+        /// The server's.
+        want: String,
+    },
     /// A recording stopped half-way; what was recorded is kept.
     #[error("{cause}; {episodes} episodes ({transitions} transitions) are safe in {}, and --resume goes on from there", part.display())]
     Interrupted {

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use bytes::Bytes;
 use ndarray::Array2;
-use palr_gym_core::{ActionMode, Fidelity};
+use palr_gym_core::{ActionMode, Fidelity, Mask};
 use palr_gym_data::{RecordedFile, Samples, Selection, View};
 use palr_gym_proto::v1;
 use palr_gym_proto::v1::estimate_leakage_request::Subject;
@@ -108,11 +108,26 @@ pub(crate) async fn view(client: &Client, spec: &v1::EnvironmentSpec) -> Result<
     let task = tasks.into_iter().find(|task| task.name == spec.task).ok_or_else(|| {
         ClientError::Protocol(format!("the server does not list its task {}", spec.task))
     })?;
+    let (recorded_as, size, mask_indices) = match (spec.observation_kind(), &spec.feature_extractor)
+    {
+        (v1::ObservationKind::Features, Some(extractor)) => {
+            let size = extractor.size as usize;
+            (Mask::Paper, size, (0..size).collect())
+        }
+        (v1::ObservationKind::Pixels, _) => {
+            return Err(ClientError::Pixels { env_id: spec.env_id.clone() });
+        }
+        _ => {
+            let indices = spec.mask_indices.iter().map(|&index| index as usize).collect();
+            (Mask::Full, task.full_observation_size as usize, indices)
+        }
+    };
     Ok(View {
         task: task.name,
-        full_observation_size: task.full_observation_size as usize,
+        recorded_as,
+        full_observation_size: size,
         action_size: task.action_size as usize,
-        mask_indices: spec.mask_indices.iter().map(|&index| index as usize).collect(),
+        mask_indices,
         frame_stack: spec.frame_stack as usize,
         fidelity: match spec.fidelity() {
             v1::Fidelity::Gym5 => Fidelity::Gym5,

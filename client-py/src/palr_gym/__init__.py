@@ -38,6 +38,7 @@ from palr_gym.session import Session
 from palr_gym.specs import (
     EnvironmentSpec,
     Expert,
+    FeatureExtractor,
     FidelityProfile,
     OpenGl,
     ReferenceReturns,
@@ -60,6 +61,7 @@ __all__ = [
     "Evaluation",
     "Expert",
     "FailedPrecondition",
+    "FeatureExtractor",
     "FidelityProfile",
     "Hscic",
     "InvalidArgument",

@@ -84,7 +84,7 @@ class Client:
         """Spaces and constants of an environment, without opening it.
 
         Args:
-            env_id: TASK[-full|-paper|-strict][-gym5][-wN][-v0].
+            env_id: TASK[-full|-paper|-strict|-pixels][-gym5][-wN][-v0].
         """
         request = environment_service_pb2.GetEnvironmentSpecRequest(env_id=env_id)
         response = self._connection.unary(
@@ -105,7 +105,7 @@ class Client:
         """Opens environments to step; `RemoteEnv` and `RemoteVectorEnv` give them Gymnasium's face.
 
         Args:
-            env_id: TASK[-full|-paper|-strict][-gym5][-wN][-v0].
+            env_id: TASK[-full|-paper|-strict|-pixels][-gym5][-wN][-v0].
             num_envs: How many.
             autoreset_mode: What happens to an environment whose episode has ended.
             out_of_bounds: What happens to an action outside the action space.

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palr_gym import d4rl
-from palr_gym._proto.palr_gym.v1 import collection_service_pb2
+from palr_gym._proto.palr_gym.v1 import collection_service_pb2, tensor_pb2
 from palr_gym.address import server_or_default
 from palr_gym.arguments import unsigned
 from palr_gym.connection import COLLECT, DEFAULT_DEADLINE_S, Connection
@@ -19,7 +19,7 @@ from palr_gym.evaluation import DEFAULT_STALL_TIMEOUT_S
 from palr_gym.policies import PolicySource, action_mode, policy_message, policy_name
 from palr_gym.scene_options import SceneOptions, scene_options_message
 from palr_gym.specs import EnvironmentSpec, environment_spec
-from palr_gym.tensors import FLOAT32, FLOAT64, to_array
+from palr_gym.tensors import FLOAT32, FLOAT64, UINT8, to_array
 
 
 @dataclass(frozen=True)
@@ -137,7 +137,7 @@ def collect(
     """Records demonstrations on a server. Actions outside the action space are clipped.
 
     Args:
-        env_id: TASK[-full|-paper|-strict][-gym5][-wN][-v0]: whose observations are recorded.
+        env_id: TASK[-full|-paper|-strict|-pixels][-gym5][-wN][-v0], whose observations are kept.
         policy: "random", "expert", the path of an ONNX file, or the bytes of one.
         transitions: Exactly this many; the last episode is cut where they are reached.
         episodes: This many whole episodes. Name either `transitions` or `episodes`.
@@ -244,13 +244,14 @@ class _Recorder:
         observations_shape = [length, *self._spec.observation_space.shape]
         actions_shape = [length, *self._spec.action_space.shape]
 
-        self._observations.append(
-            to_array(message.observations, FLOAT64, observations_shape).astype(np.float32)
-        )
+        def observations(tensor: tensor_pb2.Tensor) -> NDArray[Any]:
+            if self._spec.observation_space.dtype == UINT8:
+                return to_array(tensor, UINT8, observations_shape)
+            return to_array(tensor, FLOAT64, observations_shape).astype(np.float32)
+
+        self._observations.append(observations(message.observations))
         self._actions.append(to_array(message.actions, FLOAT32, actions_shape))
-        self._next_observations.append(
-            to_array(message.next_observations, FLOAT64, observations_shape).astype(np.float32)
-        )
+        self._next_observations.append(observations(message.next_observations))
         self.rewards.append(rewards.astype(np.float32))
         self._terminals.append(_flag_at_end(length, message.terminated))
         self._timeouts.append(

@@ -71,7 +71,7 @@ class RemoteEnv(gymnasium.Env[NDArray[np.floating[Any]], NDArray[np.float32]]):
         """Opens a session of one environment.
 
         Args:
-            env_id: TASK[-full|-paper|-strict][-gym5][-wN][-v0].
+            env_id: TASK[-full|-paper|-strict|-pixels][-gym5][-wN][-v0].
             server: `host:port` or `unix:/path`; None: $PALR_GYM_SERVER, else localhost:7257.
             out_of_bounds: What happens to an action outside the action space: "reject", "clip",
                 or "raw" (used as it is, as Gymnasium does).

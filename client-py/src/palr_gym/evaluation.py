@@ -97,7 +97,7 @@ def evaluate(
     """Plays whole episodes on a server. Actions outside the action space are clipped.
 
     Args:
-        env_id: TASK[-full|-paper|-strict][-gym5][-wN][-v0].
+        env_id: TASK[-full|-paper|-strict|-pixels][-gym5][-wN][-v0].
         policy: "random", "expert", the path of an ONNX file, or the bytes of one.
         episodes: How many.
         seed: Episode i is reset with seed + i.

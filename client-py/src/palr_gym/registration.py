@@ -16,7 +16,7 @@ def registered_env_ids() -> list[str]:
     """The server's ids of the environments that are registered.
 
     Full, paper's and strict mask, and each of Gymnasium's tasks as Gymnasium's `-v5` defines it;
-    and the driving tasks, which show their state.
+    of `lane` its state, features of the driver's picture, and that picture, and of `town` its state.
     """
     stacks = range(1, DEEPEST_REGISTERED_STACK + 1)
     robots = [
@@ -29,7 +29,8 @@ def registered_env_ids() -> list[str]:
             *(f"{task}-strict-w{frame_stack}" for frame_stack in stacks),
         )
     ]
-    return [*robots, "lane", "town"]
+    lanes = [f"lane{kind}-w{frame_stack}" for kind in ("", "-pixels") for frame_stack in stacks]
+    return [*robots, "lane", *lanes, "town"]
 
 
 def register_envs() -> None:
@@ -49,7 +50,7 @@ def make(env_id: str, **kwargs: Any) -> RemoteEnv:
     """Any environment of a server, without Gymnasium's wrappers.
 
     Args:
-        env_id: TASK[-full|-paper|-strict][-gym5][-wN][-v0], such as "ant-full-w8".
+        env_id: TASK[-full|-paper|-strict|-pixels][-gym5][-wN][-v0], such as "ant-full-w8".
         **kwargs: As `RemoteEnv` takes them.
     """
     return RemoteEnv(env_id, **kwargs)
@@ -59,7 +60,7 @@ def make_vec(env_id: str, num_envs: SupportsIndex = 1, **kwargs: Any) -> RemoteV
     """Any environment of a server, N times.
 
     Args:
-        env_id: TASK[-full|-paper|-strict][-gym5][-wN][-v0], such as "ant-full-w8".
+        env_id: TASK[-full|-paper|-strict|-pixels][-gym5][-wN][-v0], such as "ant-full-w8".
         num_envs: N.
         **kwargs: As `RemoteVectorEnv` takes them.
     """

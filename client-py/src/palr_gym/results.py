@@ -33,7 +33,7 @@ class ResetResult(NamedTuple):
     """What a reset of N environments returned. Every array is the caller's own."""
 
     observations: NDArray[np.floating[Any]]
-    """[N, observation size]"""
+    """[N, observation size], or [N, height, width, 3]: as the space says."""
     info: NDArray[np.float64]
     """[reset info names, N]: rows as in `EnvironmentSpec.reset_info_names`. NaN for environments
     that were not reset."""
@@ -82,7 +82,7 @@ class Shapes:
     """Types and shapes of the arrays that a session sends and receives."""
 
     observation_dtype: np.dtype[Any]
-    observations: tuple[int, int]
+    observations: tuple[int, ...]
     actions: tuple[int, int]
     info: tuple[int, int]
     reset_info_size: int
@@ -92,7 +92,7 @@ class Shapes:
         """Those of `num_envs` environments."""
         return cls(
             observation_dtype=np.dtype(spec.observation_space.dtype or np.float64),
-            observations=(num_envs, spec.observation_space.shape[0]),
+            observations=(num_envs, *spec.observation_space.shape),
             actions=(num_envs, spec.action_space.shape[0]),
             info=(num_envs, len(spec.info_names)),
             reset_info_size=len(spec.reset_info_names),

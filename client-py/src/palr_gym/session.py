@@ -103,7 +103,7 @@ class Session:
 
         Args:
             connection: To the server.
-            env_id: TASK[-full|-paper|-strict][-gym5][-wN][-v0].
+            env_id: TASK[-full|-paper|-strict|-pixels][-gym5][-wN][-v0].
             num_envs: N.
             autoreset_mode: What happens to an environment whose episode has ended.
             out_of_bounds: What happens to an action outside the action space.

@@ -1,10 +1,12 @@
 """What a server says about itself, its tasks and its environments, as plain values."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, TypeVar, cast
 
 import numpy as np
 from gymnasium.spaces import Box
+from numpy.typing import NDArray
 
 from palr_gym._proto.palr_gym.v1 import (
     environment_pb2,
@@ -13,7 +15,7 @@ from palr_gym._proto.palr_gym.v1 import (
     tensor_pb2,
 )
 
-Real = TypeVar("Real", bound=np.floating[Any])
+Real = TypeVar("Real", bound=np.floating[Any] | np.uint8)
 
 
 @dataclass(frozen=True)
@@ -123,12 +125,14 @@ class EnvironmentSpec:
     """Canonical id, such as "hopper-w2-v0"."""
     task: str
     mask: str
-    """What the agent sees of the full observation: "full", "paper" or "strict"."""
+    """What the agent sees of the task: "full", "paper", "strict" or "pixels"."""
     frame_stack: int
     """Observations in a stack, oldest first. Steps before the first one are zeros."""
     observation_space: "Box[np.floating[Any]]"
-    """Shape (observation size,); float64, or float32 if the session was opened so."""
+    """Shape (observation size,); float64, or float32 if the session was opened so. Pictures are
+    uint8, shape (frame_stack * 48, 48, 3): one below the other, the oldest at the top."""
     observation_names: tuple[str, ...]
+    """Of each entry; none for pictures."""
     action_space: "Box[np.float32]"
     """Shape (action size,), float32."""
     action_names: tuple[str, ...]
@@ -150,6 +154,23 @@ class EnvironmentSpec:
     """What a reset reports: the first of `info_names`, or nothing."""
     camera_names: tuple[str, ...]
     """From where pictures can be drawn; the first is the default."""
+    observation_kind: str
+    """What the entries of observations are: "state", "features" or "pixels"."""
+    feature_extractor: "FeatureExtractor | None"
+    """What makes features, if the agent sees features."""
+
+
+@dataclass(frozen=True)
+class FeatureExtractor:
+    """A network that makes features of pictures."""
+
+    name: str
+    sha256: str
+    """Of its ONNX file."""
+    size: int
+    """Features of a picture."""
+    height_px: int
+    width_px: int
 
 
 def server_info(message: server_service_pb2.GetServerInfoResponse) -> ServerInfo:
@@ -194,7 +215,7 @@ def environment_spec(message: environment_pb2.EnvironmentSpec) -> EnvironmentSpe
         task=message.task,
         mask=_mask_name(message.mask),
         frame_stack=message.frame_stack,
-        observation_space=_box(message.observation_space, _real(message.observation_space.dtype)),
+        observation_space=_observation_box(message.observation_space),
         observation_names=tuple(message.observation_space.names),
         action_space=_box(message.action_space, np.float32),
         action_names=tuple(message.action_space.names),
@@ -210,6 +231,8 @@ def environment_spec(message: environment_pb2.EnvironmentSpec) -> EnvironmentSpe
         equals=message.equals,
         reset_info_names=tuple(message.reset_info_names),
         camera_names=tuple(message.camera_names),
+        observation_kind=_kind_name(message.observation_kind),
+        feature_extractor=_feature_extractor(message),
     )
 
 
@@ -255,6 +278,27 @@ def _mask_name(mask: environment_pb2.Mask) -> str:
         return str(int(mask))
 
 
+def _kind_name(kind: environment_pb2.ObservationKind) -> str:
+    try:
+        return environment_pb2.ObservationKind.Name(kind).removeprefix("OBSERVATION_KIND_").lower()
+    except ValueError:
+        # A newer server's kind.
+        return str(int(kind))
+
+
+def _feature_extractor(message: environment_pb2.EnvironmentSpec) -> FeatureExtractor | None:
+    if not message.HasField("feature_extractor"):
+        return None
+    extractor = message.feature_extractor
+    return FeatureExtractor(
+        name=extractor.name,
+        sha256=extractor.sha256,
+        size=extractor.size,
+        height_px=extractor.height_px,
+        width_px=extractor.width_px,
+    )
+
+
 def _fidelity_name(fidelity: environment_pb2.Fidelity) -> str:
     try:
         return environment_pb2.Fidelity.Name(fidelity).removeprefix("FIDELITY_").lower()
@@ -263,12 +307,21 @@ def _fidelity_name(fidelity: environment_pb2.Fidelity) -> str:
         return str(int(fidelity))
 
 
-def _real(dtype: int) -> type[np.floating[Any]]:
-    return np.float32 if dtype == tensor_pb2.DATA_TYPE_FLOAT32 else np.float64
+def _observation_box(message: environment_pb2.BoxSpace) -> "Box[np.floating[Any]]":
+    if message.dtype == tensor_pb2.DATA_TYPE_UINT8:
+        return cast("Box[np.floating[Any]]", _box(message, np.uint8))
+    return _box(
+        message, np.float32 if message.dtype == tensor_pb2.DATA_TYPE_FLOAT32 else np.float64
+    )
 
 
 def _box(message: environment_pb2.BoxSpace, dtype: type[Real]) -> "Box[Real]":
     shape = tuple(message.shape)
-    low = np.array(message.low, dtype=dtype).reshape(shape)
-    high = np.array(message.high, dtype=dtype).reshape(shape)
-    return cast("Box[Real]", Box(low, high, dtype=dtype))
+
+    def bounds(values: Iterable[float]) -> "NDArray[Any]":
+        # One bound may stand for all.
+        array = np.array(tuple(values), dtype=dtype)
+        return np.full(shape, array[0], dtype) if array.size == 1 else array.reshape(shape)
+
+    low, high = bounds(message.low), bounds(message.high)
+    return Box(low, high, dtype=dtype)

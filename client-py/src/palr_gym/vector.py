@@ -85,7 +85,7 @@ class RemoteVectorEnv(VectorEnv[NDArray[np.floating[Any]], NDArray[np.float32], 
         """Opens a session of `num_envs` environments.
 
         Args:
-            env_id: TASK[-full|-paper|-strict][-gym5][-wN][-v0].
+            env_id: TASK[-full|-paper|-strict|-pixels][-gym5][-wN][-v0].
             num_envs: N.
             server: `host:port` or `unix:/path`; None: $PALR_GYM_SERVER, else localhost:7257.
             autoreset_mode: What happens to an environment whose episode has ended.

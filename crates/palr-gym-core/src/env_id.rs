@@ -1,4 +1,4 @@
-//! Environment ids: `TASK[-full|-paper|-strict][-gym5][-wN][-v0]`.
+//! Environment ids: `TASK[-full|-paper|-strict|-pixels][-gym5][-wN][-v0]`.
 
 use std::fmt;
 use std::str::FromStr;
@@ -37,7 +37,7 @@ pub struct EnvId {
 pub enum EnvIdError {
     /// No task name.
     #[error(
-        "environment id {env_id:?} names no task; expected TASK[-full|-paper|-strict][-gym5][-wN][-v0], such as \"hopper-w2\""
+        "environment id {env_id:?} names no task; expected TASK[-full|-paper|-strict|-pixels][-gym5][-wN][-v0], such as \"hopper-w2\""
     )]
     NoTask {
         /// The whole id.
@@ -45,7 +45,7 @@ pub enum EnvIdError {
     },
     /// A part that means nothing, or comes twice.
     #[error(
-        "environment id {env_id:?} has the unexpected part {part:?}; expected TASK[-full|-paper|-strict][-gym5][-wN][-v0], such as \"hopper-w2\""
+        "environment id {env_id:?} has the unexpected part {part:?}; expected TASK[-full|-paper|-strict|-pixels][-gym5][-wN][-v0], such as \"hopper-w2\""
     )]
     UnexpectedPart {
         /// The whole id.
@@ -187,6 +187,7 @@ mod tests {
         check("hopper-w64-v0", Ok(("hopper", Mask::Paper, 64)));
         check("ant-strict", Ok(("ant", Mask::Strict, 1)));
         check("ant-full-w4", Ok(("ant", Mask::Full, 4)));
+        check("lane-pixels-w3", Ok(("lane", Mask::Pixels, 3)));
         check("ant-gym5", Ok(("ant", Mask::Full, 1)));
         check("ant-gym5-w4", Ok(("ant", Mask::Paper, 4)));
         check("ant-strict-gym5-w4-v0", Ok(("ant", Mask::Strict, 4)));
@@ -209,7 +210,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn display_parses_back(task in "[a-z0-9_]{1,12}", mask in 0..3usize, fidelity in 0..2usize, frame_stack in 1..=MAX_FRAME_STACK) {
+        fn display_parses_back(task in "[a-z0-9_]{1,12}", mask in 0..4usize, fidelity in 0..2usize, frame_stack in 1..=MAX_FRAME_STACK) {
             let id = EnvId { task, mask: Mask::ALL[mask], fidelity: Fidelity::ALL[fidelity], frame_stack };
             prop_assert_eq!(id.to_string().parse::<EnvId>(), Ok(id));
         }

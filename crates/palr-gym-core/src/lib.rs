@@ -33,6 +33,6 @@ pub use frame_stack::FrameStack;
 pub use options::{ActionMode, AutoresetMode, Fidelity, Mask, OutOfBounds};
 pub use scene_options::{SceneOption, SceneOptions, SceneOptionsError, WeatherMode};
 pub use space::BoxSpace;
-pub use spec::EnvSpec;
+pub use spec::{EnvSpec, ObservationKind};
 pub use standardize::{StandardizeError, Standardizer};
 pub use task::{ReferenceReturns, TaskSpec};

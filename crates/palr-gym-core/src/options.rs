@@ -2,21 +2,29 @@
 
 use std::fmt;
 
-/// Which entries of the full observation the agent sees.
+/// What the agent sees of a task: entries of the full observation, or pictures of the scene.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Mask {
     /// Every entry.
     Full,
-    /// The entries that the PALR paper keeps (section C.1). For halfcheetah these include five
-    /// velocities.
+    /// What the PALR paper shows: entries of the full observation (section C.1; for halfcheetah
+    /// these include five velocities), or, of a driving task, features of the driver's picture.
     Paper,
     /// Positions only.
     Strict,
+    /// The driver's picture.
+    Pixels,
 }
 
 impl Mask {
     /// Every mask, in the order in which they are listed to users.
-    pub const ALL: [Self; 3] = [Self::Full, Self::Paper, Self::Strict];
+    pub const ALL: [Self; 4] = [Self::Full, Self::Paper, Self::Strict, Self::Pixels];
+
+    /// True if it means pictures, or features of them, where a task has an agent's camera.
+    #[must_use]
+    pub const fn shows_pictures(self) -> bool {
+        matches!(self, Self::Paper | Self::Pixels)
+    }
 
     /// The word that stands for it in an environment id.
     #[must_use]
@@ -25,6 +33,7 @@ impl Mask {
             Self::Full => "full",
             Self::Paper => "paper",
             Self::Strict => "strict",
+            Self::Pixels => "pixels",
         }
     }
 }

@@ -49,6 +49,9 @@ pub struct TaskSpec {
     pub observation: &'static [ObservationEntry],
     /// Actuators, each driven within ±1.
     pub action_names: &'static [&'static str],
+    /// The camera whose pictures an agent sees, if it sees pictures: then the mask `pixels` shows
+    /// them, and `paper` features of them.
+    pub agent_camera: Option<&'static str>,
     /// Indices that the paper's mask keeps, ascending; none where there is no such mask.
     pub paper_mask: &'static [usize],
     /// Indices that hold no velocity, ascending; none where there is no such mask.
@@ -80,16 +83,20 @@ impl TaskSpec {
 
     /// The masks that the task has.
     pub fn masks(&self) -> impl Iterator<Item = Mask> {
-        Mask::ALL.into_iter().filter(|&mask| !self.mask_indices(mask).is_empty())
+        Mask::ALL.into_iter().filter(|&mask| {
+            let shows_pictures = self.agent_camera.is_some() && mask.shows_pictures();
+            shows_pictures || !self.mask_indices(mask).is_empty()
+        })
     }
 
-    /// Indices into the full observation that `mask` keeps, ascending.
+    /// Indices into the full observation that `mask` keeps, ascending; none if it shows pictures.
     #[must_use]
     pub fn mask_indices(&self, mask: Mask) -> Vec<usize> {
         match mask {
             Mask::Full => (0..self.observation.len()).collect(),
             Mask::Paper => self.paper_mask.to_vec(),
             Mask::Strict => self.strict_mask.to_vec(),
+            Mask::Pixels => Vec::new(),
         }
     }
 }

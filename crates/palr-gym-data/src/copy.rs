@@ -73,6 +73,7 @@ pub fn copy(
             let shape = D4rlShape {
                 transitions,
                 observation_size: shape.observation_size,
+                picture: None,
                 action_size: shape.action_size,
                 nq: shape.nq,
                 nv: shape.nv,

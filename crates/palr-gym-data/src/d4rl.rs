@@ -3,6 +3,7 @@
 //! | data set | type | shape |
 //! |---|---|---|
 //! | `observations`, `next_observations` | float32 | `[N, observation size]` |
+//! | ... of pictures | uint8 | `[N, height, width, 3]` |
 //! | `actions` | float32 | `[N, action size]` |
 //! | `rewards` | float32 | `[N]` |
 //! | `terminals`, `timeouts` | bool | `[N]` |
@@ -17,13 +18,15 @@ use std::str::FromStr;
 
 use hdf5_metno::types::VarLenUnicode;
 use hdf5_metno::{Dataset, File, Group, H5Type};
-use ndarray::{ArrayView1, ArrayView2, s};
+use ndarray::{ArrayView1, ArrayView2, ArrayView4, s};
 
 use crate::error::DataError;
 use crate::transitions::Episode;
 
 /// Rows in a chunk: large enough to compress, small enough to read one episode cheaply.
 const CHUNK_ROWS: usize = 1024;
+/// Fewer rows where they are as long as pictures.
+const CHUNK_ENTRIES: usize = 1 << 20;
 /// zlib's level; higher ones shrink little and cost much.
 const DEFLATE_LEVEL: u8 = 4;
 
@@ -34,6 +37,8 @@ pub struct D4rlShape {
     pub transitions: usize,
     /// Entries of an observation.
     pub observation_size: usize,
+    /// Height, width and channels of an observation that is a picture.
+    pub picture: Option<[usize; 3]>,
     /// Entries of an action.
     pub action_size: usize,
     /// Generalised positions; 0 if unknown.
@@ -105,12 +110,19 @@ impl D4rlWriter {
             let dataset = || create::<f64>(&infos, name, &[n, width]);
             (width > 0).then(dataset).transpose().map_err(|error| failed(name, error))
         };
+        let frames = |name: &str| match shape.picture {
+            Some([height, width, channels]) => {
+                create::<u8>(&file, name, &[n, height, width, channels])
+                    .map_err(|error| failed(name, error))
+            }
+            None => matrix(&file, name, shape.observation_size),
+        };
         let flags =
             |name: &str| create::<bool>(&file, name, &[n]).map_err(|error| failed(name, error));
         let writer = Self {
             path: path.to_path_buf(),
-            observations: matrix(&file, "observations", shape.observation_size)?,
-            next_observations: matrix(&file, "next_observations", shape.observation_size)?,
+            observations: frames("observations")?,
+            next_observations: frames("next_observations")?,
             actions: matrix(&file, "actions", shape.action_size)?,
             rewards: create::<f32>(&file, "rewards", &[n])
                 .map_err(|error| failed("rewards", error))?,
@@ -180,12 +192,15 @@ impl D4rlWriter {
             *terminal = episode.terminated;
             *timeout = episode.timed_out && !episode.terminated;
         }
-        self.write_rows(&self.observations, &narrow(&episode.observations), observation_size)?;
-        self.write_rows(
-            &self.next_observations,
-            &narrow(&episode.next_observations),
-            observation_size,
-        )?;
+        for (dataset, values) in [
+            (&self.observations, &episode.observations),
+            (&self.next_observations, &episode.next_observations),
+        ] {
+            match self.shape.picture {
+                Some(picture) => self.write_pictures(dataset, values, picture)?,
+                None => self.write_rows(dataset, &narrow(values), observation_size)?,
+            }
+        }
         self.write_rows(&self.actions, &episode.actions, action_size)?;
         self.write_column(&self.rewards, &narrow(&episode.rewards))?;
         self.write_column(&self.terminals, &terminals)?;
@@ -215,6 +230,21 @@ impl D4rlWriter {
             .map_err(|error| self.failed(&dataset.name(), &error))?;
         dataset
             .write_slice(view, s![self.written..self.written + rows, ..])
+            .map_err(|error| self.failed(&dataset.name(), &error))
+    }
+
+    fn write_pictures(
+        &self,
+        dataset: &Dataset,
+        values: &[f64],
+        [height, width, channels]: [usize; 3],
+    ) -> Result<(), DataError> {
+        let rows = values.len() / (height * width * channels).max(1);
+        let bytes: Vec<u8> = values.iter().map(|&value| value as u8).collect();
+        let view = ArrayView4::from_shape((rows, height, width, channels), &bytes)
+            .map_err(|error| self.failed(&dataset.name(), &error))?;
+        dataset
+            .write_slice(view, s![self.written..self.written + rows, .., .., ..])
             .map_err(|error| self.failed(&dataset.name(), &error))
     }
 
@@ -300,7 +330,8 @@ pub(crate) fn create<T: H5Type>(
     shape: &[usize],
 ) -> hdf5_metno::Result<Dataset> {
     let mut chunk = shape.to_vec();
-    chunk[0] = chunk[0].clamp(1, CHUNK_ROWS);
+    let row: usize = shape[1..].iter().product();
+    chunk[0] = chunk[0].clamp(1, (CHUNK_ENTRIES / row.max(1)).clamp(1, CHUNK_ROWS));
     group
         .new_dataset_builder()
         .obj_track_times(false)
@@ -330,6 +361,7 @@ mod tests {
     const SHAPE: D4rlShape = D4rlShape {
         transitions: 5,
         observation_size: 2,
+        picture: None,
         action_size: 1,
         nq: 3,
         nv: 1,

@@ -7,7 +7,7 @@ use std::ops::Range;
 
 use ndarray::Array2;
 use palr_gym_core::env_id::MAX_FRAME_STACK;
-use palr_gym_core::{EnvId, EnvSpec, Fidelity, FrameStack, Mask};
+use palr_gym_core::{EnvId, EnvSpec, Fidelity, FrameStack, Mask, ObservationKind};
 
 use crate::error::DataError;
 use crate::recording::{BLOCK_ROWS, Outline, Recording, Rows};
@@ -22,7 +22,10 @@ const ANT_COLUMNS: &[usize] = &[105, 111];
 pub struct View {
     /// The task's name.
     pub task: String,
-    /// Entries of the task's full observation, D.
+    /// As what its data are recorded: as full observations, of which `mask_indices` are kept, or as
+    /// the paper's mask shows pictures, of which everything is.
+    pub recorded_as: Mask,
+    /// Entries of a recorded observation, D: of the task's full one, or features of a picture.
     pub full_observation_size: usize,
     /// Entries of an action, A.
     pub action_size: usize,
@@ -38,9 +41,21 @@ impl From<&EnvSpec> for View {
     fn from(spec: &EnvSpec) -> Self {
         Self {
             task: spec.task.name.to_owned(),
-            full_observation_size: spec.task.observation.len(),
+            recorded_as: match spec.observation {
+                ObservationKind::State => Mask::Full,
+                ObservationKind::Features { .. } | ObservationKind::Pixels => spec.env_id.mask,
+            },
+            full_observation_size: match spec.observation {
+                ObservationKind::State => spec.task.observation.len(),
+                ObservationKind::Features { .. } | ObservationKind::Pixels => spec.frame_size(),
+            },
             action_size: spec.action_size(),
-            mask_indices: spec.mask_indices.clone(),
+            mask_indices: match spec.observation {
+                ObservationKind::State => spec.mask_indices.clone(),
+                ObservationKind::Features { .. } | ObservationKind::Pixels => {
+                    (0..spec.frame_size()).collect()
+                }
+            },
             frame_stack: spec.env_id.frame_stack,
             fidelity: spec.env_id.fidelity,
         }
@@ -52,6 +67,11 @@ impl View {
     #[must_use]
     pub fn observation_size(&self) -> usize {
         self.frame_stack * self.mask_indices.len()
+    }
+
+    /// True if a recorded row may be a stack, whose last frame is the row's own.
+    fn records_stacks(&self) -> bool {
+        self.recorded_as != Mask::Full
     }
 
     /// Checks that the view makes sense and that the data set is of its task, unmasked.
@@ -70,11 +90,12 @@ impl View {
         }
         let path = || outline.source.clone();
         let want =
-            EnvId { task: task(), mask: Mask::Full, fidelity: self.fidelity, frame_stack: 1 };
+            EnvId { task: task(), mask: self.recorded_as, fidelity: self.fidelity, frame_stack: 1 };
         // The definitions of a task have columns in common, but not rewards, ends of episodes and
         // bodies: data of one are not those of the other.
         let got = outline.env_id.as_deref();
         let is_other = got.is_some_and(|got| match got.parse::<EnvId>() {
+            Ok(named) if self.records_stacks() => EnvId { frame_stack: 1, ..named } != want,
             Ok(named) => named != want,
             // Of Gymnasium's own names, such as `HalfCheetah-v4`, columns tell the task.
             Err(_) => gymnasium_fidelity(got).is_some_and(|fidelity| fidelity != self.fidelity),
@@ -90,7 +111,11 @@ impl View {
         ] {
             // Contact forces that only some files have may be left out of the view, not out of the file.
             let holds_mask = || self.mask_indices.iter().all(|&index| index < got);
-            if got != want && !(also.contains(&got) && holds_mask()) {
+            let is_stack = || self.records_stacks() && got > 0 && got.is_multiple_of(want);
+            let is_observation = dataset == "observations";
+            let will_do =
+                || (also.contains(&got) && holds_mask()) || (is_observation && is_stack());
+            if got != want && !will_do() {
                 let (path, task) = (path(), task());
                 return Err(DataError::Columns { path, dataset, got, want, also, task });
             }
@@ -225,7 +250,12 @@ impl Samples {
 
 fn push(stack: &mut FrameStack, view: &View, rows: &Rows<'_>, at: usize) {
     let observation = rows.observations.row(at);
-    stack.push(view.mask_indices.iter().map(|&index| f64::from(observation[index])));
+    // Of a recorded stack, the newest frame is the last.
+    let first = match view.records_stacks() {
+        true => observation.len() - view.full_observation_size,
+        false => 0,
+    };
+    stack.push(view.mask_indices.iter().map(|&index| f64::from(observation[first + index])));
 }
 
 #[cfg(test)]

@@ -16,7 +16,7 @@ pub enum OnnxError {
         message: String,
     },
     /// More bytes than are allowed.
-    #[error("the policy holds {got} bytes; at most {limit} are allowed")]
+    #[error("the model holds {got} bytes; at most {limit} are allowed")]
     TooLarge {
         /// Size of the file.
         got: usize,
@@ -24,21 +24,21 @@ pub enum OnnxError {
         limit: usize,
     },
     /// The bytes are no ONNX model, or one that ONNX Runtime cannot run.
-    #[error("the policy is no ONNX model that can be run: {message}")]
+    #[error("the model is no ONNX model that can be run: {message}")]
     NotOnnx {
         /// What was wrong.
         message: String,
     },
     /// A tensor's values lie in another file.
     #[error(
-        "the policy keeps tensor {tensor:?} in an external file; export it with all weights inside"
+        "the model keeps tensor {tensor:?} in an external file; export it with all weights inside"
     )]
     ExternalData {
         /// The tensor's name.
         tensor: String,
     },
     /// Inputs or outputs are not those of the contract.
-    #[error("the policy's {what} is {got}; expected {want}")]
+    #[error("the model's {what} is {got}; expected {want}")]
     Shape {
         /// Which part.
         what: String,
@@ -49,7 +49,7 @@ pub enum OnnxError {
     },
     /// Sampling was asked of a policy that is deterministic.
     #[error(
-        "the policy has no outputs `mean` and `log_std` (it has {outputs}); sampled actions need both"
+        "the model has no outputs `mean` and `log_std` (it has {outputs}); sampled actions need both"
     )]
     NotStochastic {
         /// The outputs there are.
@@ -57,7 +57,7 @@ pub enum OnnxError {
     },
     /// The model computed something that is no number.
     #[error(
-        "the policy's output {output:?} has {got} at row {row}, index {index}; expected finite numbers"
+        "the model's output {output:?} has {got} at row {row}, index {index}; expected finite numbers"
     )]
     NotFinite {
         /// Name of the output.
@@ -70,7 +70,7 @@ pub enum OnnxError {
         got: f32,
     },
     /// An inference did not end in time.
-    #[error("the policy took longer than {limit:?} for one batch of {batch} observations")]
+    #[error("the model took longer than {limit:?} for one batch of {batch} observations")]
     TooSlow {
         /// The limit.
         limit: Duration,
@@ -78,7 +78,7 @@ pub enum OnnxError {
         batch: usize,
     },
     /// ONNX Runtime failed on a model that it had accepted.
-    #[error("the policy failed on a batch of {batch} observations: {message}")]
+    #[error("the model failed on a batch of {batch} observations: {message}")]
     Failed {
         /// Rows in the batch.
         batch: usize,

@@ -4,6 +4,8 @@
 //! must not make the server read files, so such models are refused here. Only the fields that
 //! matter for this are decoded; their numbers are those of the public `onnx.proto`.
 
+use std::collections::BTreeMap;
+
 use prost::Message;
 
 use crate::error::OnnxError;
@@ -14,6 +16,8 @@ struct Model {
     ir_version: i64,
     #[prost(message, optional, tag = "7")]
     graph: Option<Graph>,
+    #[prost(message, repeated, tag = "14")]
+    metadata: Vec<Entry>,
     #[prost(message, repeated, tag = "25")]
     functions: Vec<Function>,
 }
@@ -79,13 +83,16 @@ struct Tensor {
 struct Entry {
     #[prost(string, tag = "1")]
     key: String,
+    #[prost(string, tag = "2")]
+    value: String,
 }
 
-/// Refuses bytes that are no ONNX model, and models whose weights lie outside of it.
+/// Refuses bytes that are no ONNX model, and models whose weights lie outside of it. Returns the
+/// model's metadata.
 ///
 /// # Errors
 /// [`OnnxError::NotOnnx`] or [`OnnxError::ExternalData`].
-pub fn inspect(model: &[u8]) -> Result<(), OnnxError> {
+pub fn inspect(model: &[u8]) -> Result<BTreeMap<String, String>, OnnxError> {
     let model = Model::decode(model)
         .map_err(|error| OnnxError::NotOnnx { message: format!("not a protobuf: {error}") })?;
     let Some(graph) = &model.graph else {
@@ -94,7 +101,8 @@ pub fn inspect(model: &[u8]) -> Result<(), OnnxError> {
     let nodes = model.functions.iter().flat_map(|function| &function.nodes);
     check_graph(graph)
         .and_then(|()| check_nodes(nodes))
-        .map_err(|tensor| OnnxError::ExternalData { tensor: tensor.name.clone() })
+        .map_err(|tensor| OnnxError::ExternalData { tensor: tensor.name.clone() })?;
+    Ok(model.metadata.into_iter().map(|entry| (entry.key, entry.value)).collect())
 }
 
 /// The first offending tensor is the error. Recursion is as deep as the protobuf, which the
@@ -135,7 +143,7 @@ mod tests {
     }
 
     fn check(graph: Graph, is_refused: bool) {
-        let model = Model { ir_version: 9, graph: Some(graph), functions: vec![] };
+        let model = Model { ir_version: 9, graph: Some(graph), ..Model::default() };
         let result = inspect(&model.encode_to_vec());
         assert_eq!(matches!(result, Err(OnnxError::ExternalData { .. })), is_refused, "{result:?}");
     }

@@ -2,14 +2,10 @@
 
 use std::time::Duration;
 
-use ort::session::Session;
-use ort::session::builder::GraphOptimizationLevel;
-use ort::value::{Outlet, TensorElementType, TensorRef, ValueType};
+use ort::value::{Outlet, TensorElementType, ValueType};
 
 use crate::error::OnnxError;
-use crate::inspect::inspect;
-use crate::runtime::environment;
-use crate::watchdog::Watchdog;
+use crate::model::{Limits, Model, describe};
 
 /// Name of the output that holds actions, if there are several.
 const ACTION: &str = "action";
@@ -50,8 +46,7 @@ pub struct PolicyOutput {
 ///
 /// It runs on the calling thread.
 pub struct Policy {
-    session: Session,
-    watchdog: Watchdog,
+    model: Model,
     observation_size: usize,
     action_size: usize,
     action_output: String,
@@ -70,14 +65,10 @@ impl Policy {
         action_size: usize,
         limits: PolicyLimits,
     ) -> Result<Self, OnnxError> {
-        if model.len() > limits.max_bytes {
-            return Err(OnnxError::TooLarge { got: model.len(), limit: limits.max_bytes });
-        }
-        inspect(model)?;
-        let session = open(model)?;
-        check_input(session.inputs(), observation_size)?;
-        let names: Vec<String> =
-            session.outputs().iter().map(|output| output.name().to_owned()).collect();
+        let PolicyLimits { max_bytes, max_inference } = limits;
+        let model = Model::open(model, Limits { max_bytes, max_inference })?;
+        check_input(model.inputs(), observation_size)?;
+        let names = model.output_names();
         let has = |name: &str| names.iter().any(|output| output == name);
         let action_output = match names.as_slice() {
             [only] => only.clone(),
@@ -90,12 +81,9 @@ impl Policy {
                 });
             }
         };
-        let watchdog = Watchdog::new(limits.max_inference)
-            .map_err(|error| OnnxError::NotOnnx { message: error.to_string() })?;
         let mut policy = Self {
             is_stochastic: has(MEAN) && has(LOG_STD),
-            session,
-            watchdog,
+            model,
             observation_size,
             action_size,
             action_output,
@@ -130,65 +118,18 @@ impl Policy {
     /// [`OnnxError::Failed`], [`OnnxError::TooSlow`], [`OnnxError::Shape`] or
     /// [`OnnxError::NotFinite`].
     pub fn act(&mut self, observations: &[f32], batch: usize) -> Result<PolicyOutput, OnnxError> {
-        let failed = |error: ort::Error| OnnxError::Failed { batch, message: error.to_string() };
-        let shape = [batch, self.observation_size];
-        let input = TensorRef::from_array_view((shape, observations)).map_err(failed)?;
-        let (options, watch) = self.watchdog.watch();
-        let outputs = match self.session.run_with_options(ort::inputs![input], &*options) {
-            Ok(outputs) => outputs,
-            Err(_) if watch.is_overdue() => {
-                return Err(OnnxError::TooSlow { limit: self.watchdog.limit(), batch });
-            }
-            Err(error) => return Err(failed(error)),
-        };
-        let want = [batch as i64, self.action_size as i64];
-        let extract = |name: &str| -> Result<Vec<f32>, OnnxError> {
-            let wrong = |got: String| OnnxError::Shape {
-                what: format!("output {name:?}"),
-                got,
-                want: format!("float32 {want:?} for a batch of {batch}"),
-            };
-            let value = outputs.get(name).ok_or_else(|| wrong("missing".into()))?;
-            let (shape, values) =
-                value.try_extract_tensor::<f32>().map_err(|_| wrong(value.dtype().to_string()))?;
-            if shape[..] != want {
-                return Err(wrong(format!("float32 {:?}", &shape[..])));
-            }
-            match values.iter().position(|value| !value.is_finite()) {
-                None => Ok(values.to_vec()),
-                Some(position) => Err(OnnxError::NotFinite {
-                    output: name.to_owned(),
-                    row: position / self.action_size,
-                    index: position % self.action_size,
-                    got: values[position],
-                }),
-            }
-        };
-        let is_stochastic = self.is_stochastic;
-        let extract_optional = |name| is_stochastic.then(|| extract(name)).transpose();
-        Ok(PolicyOutput {
-            action: extract(&self.action_output)?,
-            mean: extract_optional(MEAN)?,
-            log_std: extract_optional(LOG_STD)?,
+        let (is_stochastic, size) = (self.is_stochastic, self.action_size);
+        let action_output = &self.action_output;
+        self.model.run(&[batch, self.observation_size], observations, |outputs| {
+            let extract = |name: &str| outputs.matrix(name, batch, size);
+            let extract_optional = |name| is_stochastic.then(|| extract(name)).transpose();
+            Ok(PolicyOutput {
+                action: extract(action_output)?,
+                mean: extract_optional(MEAN)?,
+                log_std: extract_optional(LOG_STD)?,
+            })
         })
     }
-}
-
-fn open(model: &[u8]) -> Result<Session, OnnxError> {
-    let environment = environment()?;
-    let not_onnx = |message: String| OnnxError::NotOnnx { message };
-    // One thread a session: batching across environments uses cores better than threads inside an
-    // operator.
-    Session::builder(environment)
-        .map_err(|error| not_onnx(error.to_string()))?
-        .with_intra_threads(1)
-        .map_err(|error| not_onnx(error.to_string()))?
-        .with_inter_threads(1)
-        .map_err(|error| not_onnx(error.to_string()))?
-        .with_optimization_level(GraphOptimizationLevel::All)
-        .map_err(|error| not_onnx(error.to_string()))?
-        .commit_from_memory(model)
-        .map_err(|error| not_onnx(error.to_string()))
 }
 
 fn check_input(inputs: &[Outlet], observation_size: usize) -> Result<(), OnnxError> {
@@ -211,23 +152,9 @@ fn check_input(inputs: &[Outlet], observation_size: usize) -> Result<(), OnnxErr
     if is_right {
         return Ok(());
     }
-    let got = match input.dtype() {
-        ValueType::Tensor { ty, shape, .. } => {
-            let sizes: Vec<String> = shape
-                .iter()
-                .map(|&size| if size == -1 { "N".into() } else { size.to_string() })
-                .collect();
-            let dtype = match ty {
-                TensorElementType::Float32 => "float32".to_owned(),
-                other => other.to_string(),
-            };
-            format!("{dtype} [{}]", sizes.join(", "))
-        }
-        other => other.to_string(),
-    };
     Err(OnnxError::Shape {
         what: format!("input {:?}", input.name()),
-        got,
+        got: describe(input),
         want: format!("{want} (the batch dimension N must be dynamic)"),
     })
 }
@@ -267,7 +194,7 @@ mod tests {
         assert!(refusal(&HOPPER[..HOPPER.len() / 2], 11, 3).contains("no ONNX model"));
         let limits = PolicyLimits { max_bytes: 100, ..PolicyLimits::default() };
         let error = Policy::load(HOPPER, 11, 3, limits).err().unwrap();
-        assert_eq!(error.to_string(), "the policy holds 282313 bytes; at most 100 are allowed");
+        assert_eq!(error.to_string(), "the model holds 282313 bytes; at most 100 are allowed");
     }
 
     #[test]

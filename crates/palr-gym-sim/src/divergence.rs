@@ -2,7 +2,8 @@
 
 use std::fmt;
 
-/// Why an episode was cut short: the simulation is no longer one of the task.
+/// Why an episode was cut short: the simulation is no longer one of the task, or nothing is seen of
+/// it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Divergence {
     /// MuJoCo found the inertia matrix not positive definite.
@@ -23,11 +24,13 @@ pub enum Divergence {
     NotFinite,
     /// MuJoCo gave up with an error.
     EngineError,
+    /// The agent's picture could not be drawn, or its features are no numbers.
+    Unseen,
 }
 
 impl Divergence {
     /// Every one, in the order of their numbers on the wire.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 10] = [
         Self::Inertia,
         Self::ContactsFull,
         Self::ConstraintsFull,
@@ -37,6 +40,7 @@ impl Divergence {
         Self::BadControl,
         Self::NotFinite,
         Self::EngineError,
+        Self::Unseen,
     ];
 
     /// The word for it in infos.
@@ -52,6 +56,7 @@ impl Divergence {
             Self::BadControl => "bad_control",
             Self::NotFinite => "not_finite",
             Self::EngineError => "engine_error",
+            Self::Unseen => "unseen",
         }
     }
 

@@ -4,12 +4,13 @@ use std::hash::{BuildHasher, RandomState};
 use std::sync::Arc;
 
 use palr_gym_core::random::Generator;
-use palr_gym_core::{EnvSpec, FrameStack};
+use palr_gym_core::{EnvSpec, FrameStack, ObservationKind};
 
 use crate::divergence::Divergence;
 use crate::error::SimError;
 use crate::physics::{Physics, State};
 use crate::render::{self, GlChoice, View};
+use crate::sight::{ExtractorError, Sight};
 use crate::snapshot::{Reader, SnapshotError, Writer, malformed};
 use crate::tasks::Task;
 
@@ -60,6 +61,13 @@ pub struct Env {
     stack: FrameStack,
     full_observation: Vec<f64>,
     elapsed_steps: u32,
+    sight: Sight,
+    /// The agent's last picture, if it sees any.
+    picture: Vec<u8>,
+    /// The picture's features are not in the stack yet.
+    is_picture_pending: bool,
+    /// Somebody else sees to features, for several environments at once.
+    leaves_features: bool,
 }
 
 impl Env {
@@ -69,16 +77,33 @@ impl Env {
     /// # Errors
     /// [`SimError::Scene`] or [`SimError::Memory`].
     pub fn new(task: &'static dyn Task, spec: &Arc<EnvSpec>) -> Result<Self, SimError> {
+        Self::seeing(task, spec, &Sight::default())
+    }
+
+    /// The same, with what makes pictures into observations; `spec` fits it ([`Sight::fit`]).
+    ///
+    /// # Errors
+    /// As by [`new`](Self::new), or [`SimError::Extractor`] if an extractor is missing.
+    pub fn seeing(
+        task: &'static dyn Task,
+        spec: &Arc<EnvSpec>,
+        sight: &Sight,
+    ) -> Result<Self, SimError> {
+        sight.picture_size_px(spec)?;
         Ok(Self {
             task,
             state: task.scene().initial_state()?,
             position_m: [f64::NAN; 2],
             reset_info: vec![f64::NAN; spec.task.reset_info_names.len()],
             generator: Generator::from_seed(RandomState::new().hash_one(0)),
-            stack: FrameStack::new(spec.mask_indices.len(), spec.env_id.frame_stack),
+            stack: FrameStack::new(spec.frame_size(), spec.env_id.frame_stack),
             full_observation: vec![0.0; spec.task.observation.len()],
             spec: Arc::clone(spec),
             elapsed_steps: 0,
+            sight: sight.clone(),
+            picture: Vec::new(),
+            is_picture_pending: false,
+            leaves_features: false,
         })
     }
 
@@ -86,7 +111,8 @@ impl Env {
     /// generator stands, as Gymnasium's `reset` does.
     ///
     /// # Errors
-    /// [`SimError::Engine`] if MuJoCo fails; then only another reset helps.
+    /// [`SimError::Engine`] if MuJoCo fails, [`SimError::Render`] or [`SimError::Extractor`] if the
+    /// agent sees nothing; then only another reset helps.
     pub fn reset(&mut self, seed: Option<u64>) -> Result<(), SimError> {
         if let Some(seed) = seed {
             self.generator = Generator::from_seed(seed);
@@ -98,9 +124,9 @@ impl Env {
             self.stack.clear();
             self.task.reset_info(physics, &mut self.reset_info);
             self.take_down(physics);
-            self.observe(physics);
-            Ok(())
-        })?
+            self.observe(physics)
+        })??;
+        self.see()
     }
 
     /// Puts the simulation into a state, keeping everything else. For tests against other
@@ -129,10 +155,13 @@ impl Env {
             let outcome = self.task.outcome(physics, self.position_m, action, info);
             self.task.draw_next(&mut self.generator, physics.userdata_mut());
             self.take_down(physics);
-            self.observe(physics);
+            self.observe(physics).map_err(|error| self.unseen(&error))?;
             Ok(outcome)
         });
-        match stepped.unwrap_or_else(|error| Err(self.engine_error(&error))) {
+        let stepped = stepped.unwrap_or_else(|error| Err(self.engine_error(&error)));
+        match stepped
+            .and_then(|outcome| self.see().map(|()| outcome).map_err(|error| self.unseen(&error)))
+        {
             Ok(outcome) => Transition {
                 reward: outcome.reward,
                 terminated: outcome.terminated,
@@ -204,6 +233,7 @@ impl Env {
         self.stack.restore(stack);
         self.generator = saved.generator;
         self.elapsed_steps = saved.elapsed_steps;
+        self.is_picture_pending = false;
     }
 
     fn simulate(&self, physics: &mut Physics, action: &[f32]) -> Option<Divergence> {
@@ -231,16 +261,76 @@ impl Env {
         Divergence::EngineError
     }
 
+    pub(crate) fn unseen(&self, error: &dyn std::error::Error) -> Divergence {
+        tracing::warn!(task = self.spec.task.name, "{error}; the episode is truncated");
+        Divergence::Unseen
+    }
+
     /// Takes down what is on the bench as this environment's own.
     fn take_down(&mut self, physics: &Physics) {
         physics.store(&mut self.state);
         self.position_m = self.task.position_m(physics);
     }
 
-    fn observe(&mut self, physics: &Physics) {
+    fn observe(&mut self, physics: &Physics) -> Result<(), SimError> {
         self.task.observe(physics, &mut self.full_observation);
-        let entries = self.spec.mask_indices.iter().map(|&index| self.full_observation[index]);
-        self.stack.push(entries);
+        if self.spec.shows_pictures() {
+            let (height_px, width_px) = self.sight.picture_size_px(&self.spec)?;
+            let view = View { camera: self.spec.task.agent_camera, width_px, height_px };
+            let (weather, pieces) = (self.task.weather(physics), self.task.pieces(physics));
+            let look = (weather.as_ref(), pieces.as_ref());
+            render::draw(self.sight.gl, physics, look, view, &mut self.picture)?;
+        }
+        match self.spec.observation {
+            ObservationKind::State => {
+                let indices = self.spec.mask_indices.iter();
+                self.stack.push(indices.map(|&index| self.full_observation[index]));
+            }
+            ObservationKind::Pixels => self.stack.push(self.picture.iter().copied().map(f64::from)),
+            ObservationKind::Features { .. } => self.is_picture_pending = true,
+        }
+        Ok(())
+    }
+
+    /// Brings the features of the last picture into the stack, unless somebody else does.
+    fn see(&mut self) -> Result<(), SimError> {
+        if self.is_picture_pending && !self.leaves_features {
+            let mut features = Vec::new();
+            self.sight.extractor()?.extract(&self.picture, 1, &mut features)?;
+            self.take_features(&features);
+        }
+        Ok(())
+    }
+
+    /// From now on features come through [`take_features`](Self::take_features).
+    pub(crate) fn leave_features(&mut self) {
+        self.leaves_features = true;
+    }
+
+    /// The picture whose features are not in the stack yet.
+    pub(crate) fn pending_picture(&self) -> Option<&[u8]> {
+        self.is_picture_pending.then_some(&self.picture)
+    }
+
+    /// Puts the features of the pending picture into the stack.
+    pub(crate) fn take_features(&mut self, features: &[f32]) {
+        self.stack.push(features.iter().copied().map(f64::from));
+        self.is_picture_pending = false;
+    }
+
+    /// Goes on without features of the pending picture.
+    pub(crate) fn forget_picture(&mut self) {
+        self.is_picture_pending = false;
+    }
+
+    /// Features of pictures, for several environments at once.
+    pub(crate) fn extract(
+        &self,
+        pictures: &[u8],
+        count: usize,
+        features: &mut Vec<f32>,
+    ) -> Result<(), ExtractorError> {
+        self.sight.extractor()?.extract(pictures, count, features)
     }
 
     /// The masked, stacked observation.

@@ -2,8 +2,10 @@
 
 use palr_gym_core::{EnvIdError, SceneOptionsError};
 
+use crate::divergence::Divergence;
 use crate::guard::EngineError;
 use crate::render::RenderError;
+use crate::sight::ExtractorError;
 use crate::snapshot::SnapshotError;
 
 /// Why an environment could not be made, reset or stepped.
@@ -61,6 +63,9 @@ pub enum SimError {
     /// There is no picture.
     #[error(transparent)]
     Render(#[from] RenderError),
+    /// There are no features of a picture.
+    #[error(transparent)]
+    Extractor(#[from] ExtractorError),
     /// MuJoCo failed in a reset.
     #[error(transparent)]
     Engine(#[from] EngineError),
@@ -139,4 +144,14 @@ pub enum SimError {
     /// The environment was never reset.
     #[error("the environments were never reset; reset them before the first step")]
     NeverReset,
+}
+
+impl SimError {
+    /// What it means for an episode that it ends.
+    pub(crate) fn divergence(&self) -> Divergence {
+        match self {
+            Self::Render(_) | Self::Extractor(_) => Divergence::Unseen,
+            _ => Divergence::EngineError,
+        }
+    }
 }

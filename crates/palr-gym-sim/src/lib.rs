@@ -8,7 +8,7 @@
 //! - [`mod@env`]: one environment: task + mask + frame stack + time limit + generator.
 //! - [`vector`]: N of them, stepped together; [`snapshot`]: their state as bytes.
 //! - [`threads`], [`parts`]: the simulation threads, and work that they share.
-//! - [`render`]: pictures, drawn off screen.
+//! - [`render`]: pictures, drawn off screen; [`sight`]: agents that see them.
 //! - [`mujoco_log`]: where MuJoCo's own messages go.
 //!
 //! Not here: sessions, clients, policies.
@@ -21,6 +21,7 @@ pub mod mujoco_log;
 pub mod parts;
 pub mod physics;
 pub mod render;
+pub mod sight;
 pub mod snapshot;
 pub mod tasks;
 pub mod threads;
@@ -30,6 +31,7 @@ pub use divergence::Divergence;
 pub use env::{Env, Transition};
 pub use error::SimError;
 pub use parts::{Part, Parts};
+pub use sight::{ExtractorError, FeatureExtractor, Sight};
 pub use snapshot::{Snapshot, SnapshotError};
 pub use tasks::{Task, resolve, resolve_scene};
 pub use threads::{Job, SimulationThreads};

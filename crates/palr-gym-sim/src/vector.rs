@@ -6,12 +6,13 @@ mod save;
 
 use std::sync::Arc;
 
-use palr_gym_core::{AutoresetMode, EnvSpec, OutOfBounds};
+use palr_gym_core::{AutoresetMode, EnvSpec, ObservationKind, OutOfBounds};
 
 use crate::env::Env;
 use crate::error::SimError;
 use crate::parts::Parts;
 use crate::render::{GlChoice, View};
+use crate::sight::{MAX_BATCH, Sight};
 use crate::tasks::Task;
 use crate::threads::SimulationThreads;
 
@@ -43,6 +44,7 @@ pub struct VectorEnv {
     task: &'static dyn Task,
     spec: Arc<EnvSpec>,
     options: VectorOptions,
+    sight: Sight,
     num_envs: usize,
     /// Neighbouring environments, each piece but the last one with `piece_len` of them.
     pieces: Parts<Piece>,
@@ -62,19 +64,43 @@ impl VectorEnv {
         options: VectorOptions,
         threads: SimulationThreads,
     ) -> Result<Self, SimError> {
+        Self::seeing(task, spec, num_envs, options, threads, Sight::default())
+    }
+
+    /// The same, with what makes pictures into observations; `spec` fits it ([`Sight::fit`]).
+    ///
+    /// # Errors
+    /// As by [`new`](Self::new), or [`SimError::Extractor`] if an extractor is missing.
+    pub fn seeing(
+        task: &'static dyn Task,
+        spec: EnvSpec,
+        num_envs: usize,
+        options: VectorOptions,
+        threads: SimulationThreads,
+        sight: Sight,
+    ) -> Result<Self, SimError> {
         let spec = Arc::new(spec);
-        let piece_len = num_envs.div_ceil(MAX_PIECES).max(1);
+        let mut piece_len = num_envs.div_ceil(MAX_PIECES).max(1);
+        let leaves_features = matches!(spec.observation, ObservationKind::Features { .. });
+        if leaves_features {
+            // A piece asks for the features of its environments at once; each thread has a share.
+            piece_len = piece_len.max(num_envs.div_ceil(threads.count()).min(MAX_BATCH));
+        }
         let mut pieces = Vec::with_capacity(num_envs.div_ceil(piece_len));
         for begin in (0..num_envs).step_by(piece_len) {
             // Exactly as much room as there are: a session's memory is that of its environments.
             let mut slots = Vec::with_capacity(piece_len.min(num_envs - begin));
             for _ in 0..slots.capacity() {
-                slots.push(Slot::new(Env::new(task, &spec)?));
+                let mut env = Env::seeing(task, &spec, &sight)?;
+                if leaves_features {
+                    env.leave_features();
+                }
+                slots.push(Slot::new(env));
             }
             pieces.push(Piece::new(slots, Arc::clone(&spec), options.autoreset_mode));
         }
         let pieces = Parts::new(pieces, threads);
-        Ok(Self { task, spec, options, num_envs, pieces, piece_len, was_reset: false })
+        Ok(Self { task, spec, options, sight, num_envs, pieces, piece_len, was_reset: false })
     }
 
     /// What the environments are.

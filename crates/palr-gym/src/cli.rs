@@ -38,7 +38,7 @@ Start with:
   palr-gym evaluate --env hopper --policy expert
   palr-gym envs                                  what there is
 
-An environment is TASK[-full|-paper|-strict][-gym5][-wN]: `hopper` shows the full observation, `hopper-w2`
+An environment is TASK[-full|-paper|-strict|-pixels][-gym5][-wN]: `hopper` shows the full observation, `hopper-w2`
 the PALR paper's partial one with the last two observations stacked.")]
 pub struct Cli {
     /// What to do.
@@ -137,6 +137,9 @@ pub struct ServeArguments {
     pub session_idle: u64,
     #[command(flatten)]
     pub gl: render::GlArguments,
+    /// ONNX model that makes features of agents' pictures [default: the one that ships].
+    #[arg(long, value_name = "FILE")]
+    pub extractor: Option<PathBuf>,
     /// Tell on stdout where it listens, as one line of JSON.
     #[arg(long)]
     pub json: bool,

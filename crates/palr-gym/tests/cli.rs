@@ -177,6 +177,7 @@ fn a_recording_is_described_and_its_faults_are_found() {
     let shape = palr_gym_data::D4rlShape {
         transitions: 30,
         observation_size: 11,
+        picture: None,
         action_size: 3,
         nq: 6,
         nv: 6,

@@ -267,6 +267,7 @@ fn what_cannot_be_trained_is_refused_before_a_folder_is_made() {
     let shape = D4rlShape {
         transitions: 2500,
         observation_size: 11,
+        picture: None,
         action_size: 3,
         nq: 6,
         nv: 6,

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use palr_gym_core::{AutoresetMode, EnvSpec, OutOfBounds};
+use palr_gym_proto::v1;
 use palr_gym_sim::{VectorOptions, resolve};
 
 use crate::encode::{WireAnswer, WireEncode};
@@ -132,11 +133,17 @@ impl Drop for SessionEnv {
     }
 }
 
-fn floats(tensor: Option<palr_gym_proto::v1::Tensor>) -> Vec<f64> {
-    tensor.map_or_else(Vec::new, |tensor| bytemuck::allocation::pod_collect_to_vec(&tensor.data))
+fn floats(tensor: Option<v1::Tensor>) -> Vec<f64> {
+    match tensor {
+        None => Vec::new(),
+        Some(tensor) if tensor.dtype() == v1::DataType::Uint8 => {
+            tensor.data.iter().copied().map(f64::from).collect()
+        }
+        Some(tensor) => bytemuck::allocation::pod_collect_to_vec(&tensor.data),
+    }
 }
 
-fn is_set(tensor: Option<palr_gym_proto::v1::Tensor>) -> bool {
+fn is_set(tensor: Option<v1::Tensor>) -> bool {
     tensor.is_some_and(|tensor| tensor.data.contains(&1))
 }
 

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use palr_gym_core::EnvSpec;
 use palr_gym_core::random::Generator;
-use palr_gym_sim::{Env, Part, Parts, SimulationThreads, Task, Transition};
+use palr_gym_sim::{Env, Part, Parts, Sight, SimError, SimulationThreads, Task, Transition};
 use tokio_util::sync::CancellationToken;
 
 use super::actor::Actor;
@@ -20,6 +20,8 @@ pub struct Plan {
     pub task: &'static dyn Task,
     /// As the policy sees it.
     pub spec: Arc<EnvSpec>,
+    /// How it sees.
+    pub sight: Sight,
     /// Environments side by side, and rows in the policy's batch.
     pub num_envs: usize,
     /// Episode i is reset with seed + i.
@@ -35,6 +37,26 @@ impl Plan {
     #[must_use]
     pub fn seed_of(&self, index: u32) -> u64 {
         self.seed.wrapping_add(u64::from(index))
+    }
+
+    /// Where agents see pictures: draws one, so that what is wrong with drawing is known before
+    /// anything begins, and what draws is known too.
+    ///
+    /// # Errors
+    /// Why there is no picture, or no features of it.
+    pub fn take_first_look(&self) -> Result<(), ServerError> {
+        if !self.spec.shows_pictures() {
+            return Ok(());
+        }
+        let (task, spec, sight) = (self.task, Arc::clone(&self.spec), self.sight.clone());
+        let (seen, see) = std::sync::mpsc::channel();
+        self.threads.spawn(move || {
+            let looked = Env::seeing(task, &spec, &sight).and_then(|mut env| env.reset(Some(0)));
+            // Whoever asked waits.
+            let _ = seen.send(looked);
+        });
+        let lost = |_| ServerError::Internal("a simulation thread was lost".into());
+        Ok(see.recv().map_err(lost)??)
     }
 }
 
@@ -88,14 +110,33 @@ pub(super) trait Observer {
 pub(super) struct Seat<L> {
     pub(super) slot: Slot,
     log: L,
+    order: Order,
     /// What the last step of a playing slot came to.
     transition: Option<Transition>,
+    /// Why an episode could not begin.
+    failure: Option<SimError>,
+}
+
+/// What a simulation thread does with a seat. Episodes begin there too: it draws what agents see.
+#[derive(Clone, Copy)]
+enum Order {
+    /// Nothing.
+    Rest,
+    /// Begin an episode.
+    Reset(u64),
+    /// Step, if there is one.
+    Step,
 }
 
 impl<L: Log> Part for Seat<L> {
     fn work(&mut self) {
-        let Self { slot, log, transition } = self;
-        *transition = slot.is_playing().then(|| step(slot, log));
+        let Self { slot, log, order, transition, failure } = self;
+        *transition = None;
+        match *order {
+            Order::Rest => {}
+            Order::Reset(seed) => *failure = slot.env.reset(Some(seed)).err(),
+            Order::Step => *transition = slot.is_playing().then(|| step(slot, log)),
+        }
     }
 }
 
@@ -111,7 +152,7 @@ pub(super) fn play<O: Observer>(
     let seats = (0..plan.num_envs)
         .map(|_| {
             let slot = Slot {
-                env: Env::new(plan.task, &plan.spec)?,
+                env: Env::seeing(plan.task, &plan.spec, &plan.sight)?,
                 episode: None,
                 generator: Generator::from_seed(0),
                 action: vec![0.0; plan.spec.action_size()],
@@ -120,7 +161,8 @@ pub(super) fn play<O: Observer>(
                 length: 0,
                 episode_return: 0.0,
             };
-            Ok(Seat { slot, log: O::Log::default(), transition: None })
+            let (log, order) = (O::Log::default(), Order::Rest);
+            Ok(Seat { slot, log, order, transition: None, failure: None })
         })
         .collect::<Result<Vec<_>, ServerError>>()?;
     let mut seats = Parts::new(seats, plan.threads.clone());
@@ -128,14 +170,15 @@ pub(super) fn play<O: Observer>(
         if plan.cancelled.is_cancelled() {
             return Err(ServerError::Cancelled);
         }
-        start_episodes(plan, &seats, observer)?;
+        start_episodes(plan, &mut seats, observer)?;
         if !seats.iter().any(|seat| seat.slot.is_playing()) {
             return Ok(());
         }
         actor.act(&seats)?;
+        seats.iter().for_each(|mut seat| seat.order = Order::Step);
         seats.work();
         for mut seat in seats.iter() {
-            let Seat { slot, log, transition } = &mut *seat;
+            let Seat { slot, log, transition, .. } = &mut *seat;
             let Some(transition) = transition.filter(Transition::is_last) else { continue };
             if !observer.ended(slot, transition, std::mem::take(log)) {
                 return Ok(());
@@ -147,22 +190,31 @@ pub(super) fn play<O: Observer>(
 
 fn start_episodes<O: Observer>(
     plan: &Plan,
-    seats: &Parts<Seat<O::Log>>,
+    seats: &mut Parts<Seat<O::Log>>,
     observer: &mut O,
 ) -> Result<(), ServerError> {
     let playing = seats.iter().filter(|seat| seat.slot.is_playing()).count();
+    let mut starts_any = false;
+    seats.iter().for_each(|mut seat| seat.order = Order::Rest);
     let free = seats.iter().filter(|seat| !seat.slot.is_playing());
     for (playing, mut seat) in (playing..).zip(free) {
         let Some(index) = observer.next_episode(playing) else { break };
         let seed = plan.seed_of(index);
+        seat.order = Order::Reset(seed);
+        starts_any = true;
         let slot = &mut seat.slot;
         slot.episode = Some(index);
         slot.generator = Generator::from_seed_and_stream(seed, STREAM_OF_ACTIONS);
-        slot.env.reset(Some(seed))?;
         slot.length = 0;
         slot.episode_return = 0.0;
     }
-    Ok(())
+    if starts_any {
+        seats.work();
+    }
+    match seats.iter().find_map(|mut seat| seat.failure.take()) {
+        Some(error) => Err(error.into()),
+        None => Ok(()),
+    }
 }
 
 fn step<L: Log>(slot: &mut Slot, log: &mut L) -> Transition {

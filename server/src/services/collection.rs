@@ -8,7 +8,7 @@ use tonic::{Request, Response, Status, async_trait};
 use super::Services;
 use super::rollouts::{ResultStream, RolloutRequest};
 use crate::convert;
-use crate::encode::ObservationType;
+use crate::encode::WireEncode;
 use crate::rollout::collect;
 
 #[async_trait]
@@ -32,10 +32,12 @@ impl CollectionService for Services {
             seed: request.seed,
         };
         tracing::info!(env_id = rollout.env_id, ?amount, first_episode, "collection started");
+        let services = self.clone();
         let stream = self
             .roll_out(rollout, move |plan, actor, results| {
                 let started = Kind::Started(CollectionStarted {
-                    spec: Some(convert::environment_spec(&plan.spec, ObservationType::default())),
+                    spec: Some(services.spec(&plan.spec, WireEncode::default())),
+                    opengl: convert::opengl().filter(|_| plan.spec.shows_pictures()),
                     policy_sha256: actor.sha256().to_owned(),
                     num_envs: plan.num_envs as u32,
                 });
@@ -43,7 +45,7 @@ impl CollectionService for Services {
                     return Ok(());
                 }
                 collect(plan, actor, amount, first_episode, |episode| {
-                    results.send(convert::episode_transitions(&episode))
+                    results.send(convert::episode_transitions(&plan.spec, &episode))
                 })
             })
             .await?;

@@ -4,18 +4,19 @@ use std::pin::Pin;
 use std::sync::Arc;
 
 use futures_util::{FutureExt, Stream, StreamExt, future};
+use palr_gym_core::EnvSpec;
 use palr_gym_proto::v1;
 use palr_gym_proto::v1::environment_service_server::EnvironmentService;
 use palr_gym_proto::v1::step_stream_request::Request as StreamRequest;
 use palr_gym_proto::v1::step_stream_response::Response as StreamResponse;
 use palr_gym_sim::VectorOptions;
-use palr_gym_sim::tasks::{TASKS, resolve};
+use palr_gym_sim::tasks::TASKS;
 use tonic::{Request, Response, Status, Streaming, async_trait};
 
 use super::Services;
 use crate::config::Limits;
 use crate::convert;
-use crate::encode::{ObservationType, WireAnswer, WireEncode};
+use crate::encode::{WireAnswer, WireEncode};
 use crate::error::ServerError;
 use crate::session::{Command, Promise, Session};
 use crate::status::in_band;
@@ -39,8 +40,12 @@ impl EnvironmentService for Services {
         &self,
         request: Request<v1::GetEnvironmentSpecRequest>,
     ) -> Result<Response<v1::GetEnvironmentSpecResponse>, Status> {
-        let (_, spec) = resolve(&request.get_ref().env_id).map_err(ServerError::from)?;
-        let spec = Some(convert::environment_spec(&spec, ObservationType::default()));
+        let (vision, env_id) = (Arc::clone(&self.vision), request.into_inner().env_id);
+        // An extractor may have to be loaded.
+        let resolved = tokio::task::spawn_blocking(move || vision.resolve(&env_id, None));
+        let (_, spec, _) =
+            resolved.await.map_err(|error| ServerError::Internal(error.to_string()))??;
+        let spec = Some(self.spec(&spec, WireEncode::default()));
         Ok(Response::new(v1::GetEnvironmentSpecResponse { spec }))
     }
 
@@ -140,12 +145,20 @@ impl EnvironmentService for Services {
 impl Services {
     /// What a client is told of a session that was opened.
     pub(super) fn opened(&self, session: &WireSession) -> v1::OpenSessionResponse {
-        let observation_type = session.encode().observation_type;
         v1::OpenSessionResponse {
             session_id: session.id().to_string(),
-            spec: Some(convert::environment_spec(session.spec(), observation_type)),
+            spec: Some(self.spec(session.spec(), *session.encode())),
             num_envs: session.num_envs() as u32,
             idle_limit_s: self.limits.session_idle.as_secs() as u32,
+        }
+    }
+
+    /// What a client is told of an environment.
+    pub(super) fn spec(&self, spec: &EnvSpec, encode: WireEncode) -> v1::EnvironmentSpec {
+        let extractor = self.vision.extractor_of(spec).map(convert::feature_extractor);
+        v1::EnvironmentSpec {
+            feature_extractor: extractor,
+            ..convert::environment_spec(spec, encode.observation_dtype(spec))
         }
     }
 

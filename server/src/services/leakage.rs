@@ -106,7 +106,7 @@ impl Services {
         Ok(PolicySubject {
             observations: self.array(subject.observations.as_ref(), "policy.observations")?,
             policy: convert::policy(subject.policy)?,
-            env_id: subject.env_id,
+            spec: self.vision.resolve(&subject.env_id, None)?.1,
             action_mode,
             limits: self.limits.policy,
         })

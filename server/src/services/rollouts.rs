@@ -8,7 +8,6 @@ use std::time::Duration;
 
 use futures_util::Stream;
 use palr_gym_core::{ActionMode, SceneOptions};
-use palr_gym_sim::tasks::resolve_scene;
 use tokio::runtime::Handle;
 use tokio::sync::mpsc;
 use tokio::sync::mpsc::error::{SendTimeoutError, TrySendError};
@@ -121,28 +120,24 @@ impl Services {
         if !(1..=max).contains(&num_envs) {
             return Err(ServerError::NumEnvs { got: num_envs as u64, max });
         }
-        let (task, spec) = resolve_scene(&request.env_id, request.scene)?;
         let running = self.limits.max_rollouts;
         let permit = Arc::clone(&self.rollouts)
             .try_acquire_owned()
             .map_err(|_| ServerError::TooManyRollouts { running })?;
         let cancelled = CancellationToken::new();
-        let plan = Plan {
-            task,
-            spec: Arc::new(spec),
-            num_envs,
-            seed: request.seed,
-            threads: self.threads.clone(),
-            cancelled: cancelled.clone(),
-        };
-        let limits = self.limits.policy;
+        let (limits, vision) = (self.limits.policy, Arc::clone(&self.vision));
+        let (threads, on_cancel) = (self.threads.clone(), cancelled.clone());
         let loaded = tokio::task::spawn_blocking(move || {
-            let actor = Actor::new(&request.policy, &plan.spec, request.action_mode, limits);
-            (actor, plan)
+            let (task, spec, sight) = vision.resolve(&request.env_id, request.scene)?;
+            let spec = Arc::new(spec);
+            let actor = Actor::new(&request.policy, &spec, request.action_mode, limits)?;
+            let (seed, cancelled) = (request.seed, on_cancel);
+            let plan = Plan { task, spec, sight, num_envs, seed, threads, cancelled };
+            plan.take_first_look()?;
+            Ok::<_, ServerError>((actor, plan))
         });
-        let (actor, plan) =
-            loaded.await.map_err(|error| ServerError::Internal(error.to_string()))?;
-        let mut actor = actor?;
+        let (mut actor, plan) =
+            loaded.await.map_err(|error| ServerError::Internal(error.to_string()))??;
 
         let (sender, receiver) = mpsc::channel(QUEUED_RESULTS);
         let failure = Failure::default();

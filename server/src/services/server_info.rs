@@ -2,12 +2,12 @@
 
 use palr_gym_core::env_id::MAX_FRAME_STACK;
 use palr_gym_proto::v1::server_service_server::ServerService;
-use palr_gym_proto::v1::{GetServerInfoRequest, GetServerInfoResponse, OpenGl, ServerLimits};
+use palr_gym_proto::v1::{GetServerInfoRequest, GetServerInfoResponse, ServerLimits};
 use palr_gym_sim::mujoco_log::mujoco_version;
-use palr_gym_sim::render::gl_info;
 use tonic::{Request, Response, Status, async_trait};
 
 use super::Services;
+use crate::convert;
 
 #[async_trait]
 impl ServerService for Services {
@@ -33,11 +33,7 @@ impl ServerService for Services {
                 max_snapshot_bytes: limits.max_snapshot_bytes as u64,
             }),
             simulation_threads: self.threads.count() as u32,
-            opengl: gl_info().map(|info| OpenGl {
-                library: info.library.to_owned(),
-                renderer: info.renderer,
-                version: info.version,
-            }),
+            opengl: convert::opengl(),
         }))
     }
 }

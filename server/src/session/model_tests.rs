@@ -4,12 +4,19 @@
 use std::sync::Arc;
 
 use palr_gym_core::{AutoresetMode, OutOfBounds};
+use palr_gym_sim::render::GlChoice;
 use palr_gym_sim::{Env, SimulationThreads, resolve};
 use proptest::prelude::*;
 
 use super::*;
 use crate::config::Limits;
 use crate::sessions::Sessions;
+use crate::vision::Vision;
+
+/// Of a server whose environments show states only.
+fn vision() -> Arc<Vision> {
+    Arc::new(Vision::new(GlChoice::None, None))
+}
 
 const ENV_ID: &str = "hopper-w2";
 const ACTION_SIZE: usize = 3;
@@ -258,7 +265,7 @@ proptest! {
             [AutoresetMode::NextStep, AutoresetMode::SameStep, AutoresetMode::Disabled][mode];
         let options = VectorOptions { autoreset_mode: mode, out_of_bounds: OutOfBounds::Reject };
         let threads = SimulationThreads::start(2).unwrap();
-        let sessions = Sessions::new(Limits::default(), threads);
+        let sessions = Sessions::new(Limits::default(), threads, vision());
         let id = sessions.open(ENV_ID, None, num_envs as u64, options, Plain).unwrap().id().to_string();
         let mut history: Vec<Op> = Vec::new();
         let mut snapshots: Vec<(Vec<Op>, Vec<u8>)> = Vec::new();
@@ -342,7 +349,8 @@ proptest! {
 #[test]
 fn sessions_side_by_side_do_what_each_does_alone() {
     let options = VectorOptions::default();
-    let sessions = Arc::new(Sessions::new(Limits::default(), SimulationThreads::start(3).unwrap()));
+    let threads = SimulationThreads::start(3).unwrap();
+    let sessions = Arc::new(Sessions::new(Limits::default(), threads, vision()));
     let play = move |sessions: &Sessions<Plain>, seed: u64| {
         let session = sessions.open(ENV_ID, None, 5, options, Plain).unwrap();
         let ask = |command| session.submit(command).unwrap().blocking_recv().unwrap().unwrap();

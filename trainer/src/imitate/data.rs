@@ -7,6 +7,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use palr_gym_data::{RecordedFile, Recording, Samples, Selection, View};
+use palr_gym_proto::v1;
 use safetensors::tensor::{Dtype, TensorView, serialize};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
@@ -52,6 +53,7 @@ pub async fn prepare(client: &Client, settings: &Settings) -> Result<Prepared, C
     let Settings { run: settings, train } = settings;
     let spec = client.spec(&settings.env).await?;
     let view = view(client, &spec).await?;
+    check_extractor(&settings.data, &spec)?;
     let file = RecordedFile::open(&settings.data)?;
     let rows = Rows::select(&file, &view, Selection::first(settings.training_rows))?;
     let statistics = match train.statistics {
@@ -88,6 +90,30 @@ pub async fn prepare(client: &Client, settings: &Settings) -> Result<Prepared, C
         env_id: file.outline().env_id.clone(),
     };
     Ok(Prepared { training, held_out, identity, env_id: spec.env_id })
+}
+
+/// Refuses features of another extractor than the server's, as far as the file says whose they are.
+fn check_extractor(path: &Path, spec: &v1::EnvironmentSpec) -> Result<(), ClientError> {
+    #[derive(Deserialize)]
+    struct Recorded {
+        #[serde(default)]
+        extractor_sha256: String,
+    }
+    let Some(extractor) = &spec.feature_extractor else { return Ok(()) };
+    // What has no such summary is another layout, or is refused by whoever reads the rows.
+    let summary = palr_gym_data::d4rl::summarize(path).ok();
+    let request = summary.and_then(|summary| summary.request);
+    let recorded = request.and_then(|text| serde_json::from_str::<Recorded>(&text).ok());
+    match recorded {
+        Some(Recorded { extractor_sha256 })
+            if !extractor_sha256.is_empty() && extractor_sha256 != extractor.sha256 =>
+        {
+            let got = extractor_sha256;
+            let (env_id, want) = (spec.env_id.clone(), extractor.sha256.clone());
+            Err(ClientError::Extractor { path: path.to_path_buf(), env_id, got, want })
+        }
+        _ => Ok(()),
+    }
 }
 
 impl Prepared {

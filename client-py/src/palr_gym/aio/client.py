@@ -81,7 +81,7 @@ class Client:
         """Spaces and constants of an environment, without opening it.
 
         Args:
-            env_id: TASK[-full|-paper|-strict][-wN][-v0].
+            env_id: TASK[-full|-paper|-strict|-pixels][-wN][-v0].
         """
         request = environment_service_pb2.GetEnvironmentSpecRequest(env_id=env_id)
         asked = f"describing {env_id}"

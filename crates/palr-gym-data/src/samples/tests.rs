@@ -46,6 +46,7 @@ fn demonstrations(lengths: &[usize]) -> Demonstrations {
 fn view(mask_indices: &[usize], frame_stack: usize) -> View {
     View {
         task: "hopper".to_owned(),
+        recorded_as: Mask::Full,
         full_observation_size: D,
         action_size: A,
         mask_indices: mask_indices.to_vec(),
@@ -180,6 +181,7 @@ fn the_first_step_of_an_episode_has_zeros_before_it() {
 fn ant_with_contact_forces_is_ant_without() {
     let view = View {
         task: "ant".to_owned(),
+        recorded_as: Mask::Full,
         full_observation_size: 27,
         mask_indices: (0..13).collect(),
         ..view(&[], 2)

@@ -54,6 +54,7 @@ const SPEC: TaskSpec = TaskSpec {
         Entry::unbounded("qvel[ankle_4]"),
     ],
     action_names: &["hip_4", "ankle_4", "hip_1", "ankle_1", "hip_2", "ankle_2", "hip_3", "ankle_3"],
+    agent_camera: None,
     paper_mask: &[0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12],
     strict_mask: &[0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12],
     max_episode_steps: 1000,

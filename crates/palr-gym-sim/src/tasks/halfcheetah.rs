@@ -39,6 +39,7 @@ const SPEC: TaskSpec = TaskSpec {
     action_names: &["bthigh", "bshin", "bfoot", "fthigh", "fshin", "ffoot"],
     // Five velocities stay in: the paper's tables disagree about the order of the variables, and
     // these are the indices of its public code. `strict` has none.
+    agent_camera: None,
     paper_mask: &[0, 1, 2, 3, 8, 9, 10, 11, 12],
     strict_mask: &[0, 1, 2, 3, 4, 5, 6, 7],
     max_episode_steps: 1000,

@@ -39,6 +39,7 @@ const SPEC: TaskSpec = TaskSpec {
         Entry::clipped("qvel[foot_joint]", VELOCITY_BOUND),
     ],
     action_names: &["thigh_joint", "leg_joint", "foot_joint"],
+    agent_camera: None,
     paper_mask: &[0, 1, 2, 3, 4],
     strict_mask: &[0, 1, 2, 3, 4],
     max_episode_steps: 1000,

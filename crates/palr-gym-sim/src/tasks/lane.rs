@@ -76,6 +76,7 @@ const SPEC: TaskSpec = TaskSpec {
         Entry::unbounded("lead_speed_mps"),
     ],
     action_names: &["throttle", "steer"],
+    agent_camera: Some("driver"),
     paper_mask: &[],
     strict_mask: &[],
     max_episode_steps: 250,

@@ -109,6 +109,7 @@ const SPEC: TaskSpec = TaskSpec {
     ],
     reset_info_names: &[],
     expert_observation_size: 14,
+    agent_camera: Some("driver"),
     camera_names: &["driver", "chase", "top"],
     // Mean returns over 200 episodes each: scenes/town.reference.json.
     // Mean returns over 200 episodes each: scenes/town.reference.json.

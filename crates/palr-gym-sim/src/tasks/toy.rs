@@ -50,6 +50,7 @@ const SPEC: TaskSpec = TaskSpec {
         Entry::clipped("goal", 1.0),
     ],
     action_names: &["cart"],
+    agent_camera: None,
     paper_mask: &[0, 1],
     strict_mask: &[0, 1],
     max_episode_steps: STEPS,

@@ -50,6 +50,7 @@ const SPEC: TaskSpec = TaskSpec {
         "leg_left_joint",
         "foot_left_joint",
     ],
+    agent_camera: None,
     paper_mask: &[0, 1, 2, 3, 4, 5, 6, 7],
     strict_mask: &[0, 1, 2, 3, 4, 5, 6, 7],
     max_episode_steps: 1000,

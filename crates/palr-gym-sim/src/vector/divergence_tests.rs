@@ -40,6 +40,7 @@ const SPEC: TaskSpec = TaskSpec {
     equals: "nothing",
     observation: &[ObservationEntry::unbounded("qpos[slide]")],
     action_names: &["slide"],
+    agent_camera: None,
     paper_mask: &[0],
     strict_mask: &[0],
     max_episode_steps: 1000,

@@ -9,6 +9,7 @@ use crate::divergence::Divergence;
 use crate::env::{Env, Transition};
 use crate::error::SimError;
 use crate::parts::Part;
+use crate::sight::ExtractorError;
 
 /// One environment in the vector, with what autoreset needs to know.
 pub(super) struct Slot {
@@ -45,6 +46,9 @@ pub(super) struct Piece {
     pub(super) frame: StepFrame,
     /// Why a reset failed.
     pub(super) failure: Option<SimError>,
+    /// Pictures whose features are asked for, and these.
+    pictures: Vec<u8>,
+    features: Vec<f32>,
     spec: Arc<EnvSpec>,
     mode: AutoresetMode,
 }
@@ -57,6 +61,8 @@ impl Piece {
             actions: Vec::new(),
             frame: StepFrame::default(),
             failure: None,
+            pictures: Vec::new(),
+            features: Vec::new(),
             spec,
             mode,
         }
@@ -74,24 +80,93 @@ impl Part for Piece {
                         self.failure = Some(error);
                     }
                 }
+                if let Some(error) = self.see(|_, _| {}) {
+                    self.failure = Some(error.into());
+                }
             }
             Order::Step { steps } => {
                 let count = self.slots.len();
                 self.frame.resize(steps, count, &self.spec, self.mode);
                 self.frame.diverged.clear();
-                let mut actions = self.actions.chunks_exact(self.spec.action_size());
                 for step in 0..steps {
-                    for (i, (slot, action)) in self.slots.iter_mut().zip(&mut actions).enumerate() {
-                        if let Some(divergence) =
-                            slot.step(action, self.mode, self.frame.row(step, i))
-                        {
-                            let diverged = DivergedEpisode { step, env_index: i, divergence };
-                            self.frame.diverged.push(diverged);
-                        }
-                    }
+                    self.step(step);
                 }
             }
         }
+    }
+}
+
+impl Piece {
+    /// Step `step` of the frame, of all slots: who has ended begins anew, and what all of them see
+    /// is made into observations together.
+    fn step(&mut self, step: usize) {
+        let action_size = self.spec.action_size();
+        let actions = &self.actions[step * self.slots.len() * action_size..];
+        for (i, (slot, action)) in
+            self.slots.iter_mut().zip(actions.chunks_exact(action_size)).enumerate()
+        {
+            let divergence = slot.step(action, &mut self.frame.row(step, i));
+            if let Some(divergence) = divergence {
+                self.frame.diverged.push(DivergedEpisode { step, env_index: i, divergence });
+            }
+        }
+        let _ = self.see(|frame, i| {
+            let row = frame.row(step, i);
+            row.info.fill(f64::NAN);
+            (*row.reward, *row.terminated, *row.truncated) = (0.0, false, true);
+            let divergence = Divergence::Unseen;
+            frame.diverged.push(DivergedEpisode { step, env_index: i, divergence });
+        });
+        if self.mode == AutoresetMode::SameStep {
+            for (i, slot) in self.slots.iter_mut().enumerate().filter(|(_, slot)| slot.is_over) {
+                slot.begin_anew(self.frame.row(step, i));
+            }
+            // Whose first picture fails begins anew in the next step.
+            let _ = self.see(|_, _| {});
+        }
+        for (i, slot) in self.slots.iter().enumerate() {
+            self.frame.row(step, i).observation.copy_from_slice(slot.env.observation());
+        }
+    }
+
+    /// Brings the features of all new pictures into the stacks; `on_failure` hears of slots of whose
+    /// picture there are none, and whose episode is therefore over.
+    fn see(&mut self, mut on_failure: impl FnMut(&mut StepFrame, usize)) -> Option<ExtractorError> {
+        let Self { slots, frame, pictures, features, .. } = self;
+        pictures.clear();
+        let mut count = 0;
+        for slot in slots.iter() {
+            if let Some(picture) = slot.env.pending_picture() {
+                pictures.extend_from_slice(picture);
+                count += 1;
+            }
+        }
+        if count == 0 {
+            return None;
+        }
+        let together = slots[0].env.extract(pictures, count, features);
+        let size = features.len() / count;
+        let (mut row, mut failure) = (0, None);
+        for (i, slot) in slots.iter_mut().enumerate() {
+            let Some(picture) = slot.env.pending_picture() else { continue };
+            if together.is_ok() {
+                slot.env.take_features(&features[row * size..(row + 1) * size]);
+                row += 1;
+                continue;
+            }
+            // One of them spoils the rest: who is it?
+            match slot.env.extract(picture, 1, features) {
+                Ok(()) => slot.env.take_features(features),
+                Err(error) => {
+                    slot.env.unseen(&error);
+                    slot.env.forget_picture();
+                    slot.is_over = true;
+                    failure = Some(error);
+                    on_failure(frame, i);
+                }
+            }
+        }
+        failure
     }
 }
 
@@ -108,8 +183,8 @@ impl Slot {
         done
     }
 
-    /// One step, or the reset that stands for it.
-    fn step(&mut self, action: &[f32], mode: AutoresetMode, row: Row<'_>) -> Option<Divergence> {
+    /// One step, or the reset that stands for it, but for the observation.
+    fn step(&mut self, action: &[f32], row: &mut Row<'_>) -> Option<Divergence> {
         let transition = if self.is_over {
             // NEXT_STEP: this step's action is ignored. (DISABLED never comes here.)
             row.info.fill(f64::NAN);
@@ -119,7 +194,7 @@ impl Slot {
                     info.copy_from_slice(self.env.reset_info());
                     None
                 }
-                Err(_) => Some(Divergence::EngineError),
+                Err(error) => Some(error.divergence()),
             };
             let truncated = divergence.is_some();
             Transition { reward: 0.0, terminated: false, truncated, divergence }
@@ -127,19 +202,20 @@ impl Slot {
             self.env.step(action, row.info)
         };
         self.is_over = transition.is_last();
-        if self.is_over && mode == AutoresetMode::SameStep {
-            if let Some(final_observation) = row.final_observation {
-                final_observation.copy_from_slice(self.env.observation());
-            }
-            self.is_over = self.env.reset(None).is_err();
-            if let Some(reset_info) = row.reset_info {
-                reset_info.copy_from_slice(self.env.reset_info());
-            }
-        }
-        row.observation.copy_from_slice(self.env.observation());
         *row.reward = transition.reward;
         *row.terminated = transition.terminated;
         *row.truncated = transition.truncated;
         transition.divergence
+    }
+
+    /// SAME_STEP: hands out the last observation and begins a new episode.
+    fn begin_anew(&mut self, row: Row<'_>) {
+        if let Some(final_observation) = row.final_observation {
+            final_observation.copy_from_slice(self.env.observation());
+        }
+        self.is_over = self.env.reset(None).is_err();
+        if let Some(reset_info) = row.reset_info {
+            reset_info.copy_from_slice(self.env.reset_info());
+        }
     }
 }

@@ -28,7 +28,7 @@ impl VectorEnv {
             scene: self.spec.scene,
             tag,
             was_reset: self.was_reset,
-            scene_crc: self.task.scene().crc(),
+            scene_crc: self.task.scene().crc() ^ self.sight.crc(&self.spec),
             envs: &[],
         }
     }

@@ -31,6 +31,7 @@ fn mask_name(mask: i32) -> &'static str {
         Ok(v1::Mask::Full) => "full",
         Ok(v1::Mask::Paper) => "paper",
         Ok(v1::Mask::Strict) => "strict",
+        Ok(v1::Mask::Pixels) => "pixels",
         Ok(v1::Mask::Unspecified) | Err(_) => "unknown",
     }
 }
@@ -66,7 +67,7 @@ fn print_tasks(tasks: &[v1::Task]) {
         ["task", "equals", "observation", "actions", "return at score 0 / 100", "expert (return)"];
     println!("{}", output::table(&header, rows, 6));
     println!(
-        "An environment is TASK[-full|-paper|-strict][-gym5][-wN], such as hopper-w2; `palr-gym envs hopper-w2` describes it."
+        "An environment is TASK[-full|-paper|-strict|-pixels][-gym5][-wN], such as hopper-w2; `palr-gym envs hopper-w2` describes it."
     );
 }
 
@@ -92,6 +93,14 @@ fn print_spec(spec: &v1::EnvironmentSpec) -> anyhow::Result<()> {
     for (label, space) in [("observation", &spec.observation_space), ("action", &spec.action_space)]
     {
         let Some(space) = space else { continue };
+        if space.names.is_empty() {
+            let dtype = dtype_name(space.dtype());
+            println!(
+                "{label}: {dtype} {:?} within {:?} to {:?}",
+                space.shape, space.low, space.high
+            );
+            continue;
+        }
         let rows = (0..space.names.len())
             .map(|i| {
                 vec![
@@ -107,6 +116,14 @@ fn print_spec(spec: &v1::EnvironmentSpec) -> anyhow::Result<()> {
     Ok(())
 }
 
+fn dtype_name(dtype: v1::DataType) -> &'static str {
+    match dtype {
+        v1::DataType::Uint8 => "uint8",
+        v1::DataType::Float32 => "float32",
+        v1::DataType::Float64 | v1::DataType::Bool | v1::DataType::Unspecified => "float64",
+    }
+}
+
 /// JSON has no infinity: an unbounded side is null.
 fn space_json(space: Option<&v1::BoxSpace>) -> Value {
     let finite = |bounds: &[f64]| -> Vec<Option<f64>> {
@@ -114,7 +131,7 @@ fn space_json(space: Option<&v1::BoxSpace>) -> Value {
     };
     space.map_or(Value::Null, |space| {
         json!({
-            "dtype": if space.dtype() == v1::DataType::Float32 { "float32" } else { "float64" },
+            "dtype": dtype_name(space.dtype()),
             "shape": space.shape,
             "low": finite(&space.low),
             "high": finite(&space.high),
@@ -143,6 +160,13 @@ fn spec_json(spec: &v1::EnvironmentSpec) -> Value {
         "camera_names": spec.camera_names,
         "reference_returns": { "random": random, "expert": expert },
         "has_expert": spec.has_expert,
+        "feature_extractor": spec.feature_extractor.as_ref().map(|extractor| json!({
+            "name": extractor.name,
+            "sha256": extractor.sha256,
+            "size": extractor.size,
+            "height_px": extractor.height_px,
+            "width_px": extractor.width_px,
+        })),
     })
 }
 

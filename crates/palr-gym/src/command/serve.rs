@@ -1,9 +1,13 @@
 //! `palr-gym serve`
 
 use std::net::{Ipv4Addr, SocketAddr};
+use std::path::Path;
+use std::sync::Arc;
 use std::time::Duration;
 
+use anyhow::Context;
 use palr_gym_server::{Limits, Listener, Server, ServerConfig};
+use palr_gym_vision::{Extractor, ExtractorLimits};
 use serde::Serialize;
 use tokio::signal::unix::{SignalKind, signal};
 
@@ -27,6 +31,7 @@ pub async fn run(arguments: ServeArguments) -> anyhow::Result<()> {
     let config = ServerConfig {
         simulation_threads: arguments.threads.map_or(defaults.simulation_threads, usize::from),
         gl: arguments.gl.choice,
+        extractor: arguments.extractor.as_deref().map(read_extractor).transpose()?,
         limits: Limits {
             max_connections: arguments.max_connections,
             max_sessions: arguments.max_sessions,
@@ -70,6 +75,11 @@ pub async fn run(arguments: ServeArguments) -> anyhow::Result<()> {
         .await?;
     tracing::info!("stopped");
     Ok(())
+}
+
+fn read_extractor(path: &Path) -> anyhow::Result<Arc<Extractor>> {
+    let read = Extractor::read(path, ExtractorLimits::default());
+    Ok(Arc::new(read.with_context(|| format!("--extractor {}", path.display()))?))
 }
 
 fn announce(ready: &Ready, threads: usize, json: bool) -> anyhow::Result<()> {

@@ -14,24 +14,25 @@ _sym_db = _symbol_database.Default()
 
 from palr_gym._proto.palr_gym.v1 import environment_pb2 as palr__gym_dot_v1_dot_environment__pb2
 from palr_gym._proto.palr_gym.v1 import policy_pb2 as palr__gym_dot_v1_dot_policy__pb2
+from palr_gym._proto.palr_gym.v1 import server_service_pb2 as palr__gym_dot_v1_dot_server__service__pb2
 from palr_gym._proto.palr_gym.v1 import tensor_pb2 as palr__gym_dot_v1_dot_tensor__pb2
 
 
-DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n$palr_gym/v1/collection_service.proto\x12\x0bpalr_gym.v1\x1a\x1dpalr_gym/v1/environment.proto\x1a\x18palr_gym/v1/policy.proto\x1a\x18palr_gym/v1/tensor.proto\"\xa3\x02\n\x0e\x43ollectRequest\x12\x0e\n\x06\x65nv_id\x18\x01 \x01(\t\x12#\n\x06policy\x18\x02 \x01(\x0b\x32\x13.palr_gym.v1.Policy\x12\x15\n\x0btransitions\x18\x03 \x01(\x04H\x00\x12\x12\n\x08\x65pisodes\x18\x04 \x01(\rH\x00\x12\x0c\n\x04seed\x18\x05 \x01(\x04\x12,\n\x0b\x61\x63tion_mode\x18\x06 \x01(\x0e\x32\x17.palr_gym.v1.ActionMode\x12\x15\n\x08num_envs\x18\x07 \x01(\rH\x01\x88\x01\x01\x12\x15\n\rfirst_episode\x18\x08 \x01(\r\x12\x30\n\rscene_options\x18\t \x01(\x0b\x32\x19.palr_gym.v1.SceneOptionsB\x08\n\x06\x61mountB\x0b\n\t_num_envs\"\x84\x01\n\x0f\x43ollectResponse\x12\x31\n\x07started\x18\x01 \x01(\x0b\x32\x1e.palr_gym.v1.CollectionStartedH\x00\x12\x32\n\x07\x65pisode\x18\x02 \x01(\x0b\x32\x1f.palr_gym.v1.EpisodeTransitionsH\x00\x42\n\n\x08response\"h\n\x11\x43ollectionStarted\x12*\n\x04spec\x18\x01 \x01(\x0b\x32\x1c.palr_gym.v1.EnvironmentSpec\x12\x15\n\rpolicy_sha256\x18\x02 \x01(\t\x12\x10\n\x08num_envs\x18\x03 \x01(\r\"\x81\x03\n\x12\x45pisodeTransitions\x12\r\n\x05index\x18\x01 \x01(\r\x12\x0c\n\x04seed\x18\x02 \x01(\x04\x12)\n\x0cobservations\x18\x03 \x01(\x0b\x32\x13.palr_gym.v1.Tensor\x12$\n\x07\x61\x63tions\x18\x04 \x01(\x0b\x32\x13.palr_gym.v1.Tensor\x12$\n\x07rewards\x18\x05 \x01(\x0b\x32\x13.palr_gym.v1.Tensor\x12.\n\x11next_observations\x18\x06 \x01(\x0b\x32\x13.palr_gym.v1.Tensor\x12\x12\n\nterminated\x18\x07 \x01(\x08\x12\x11\n\ttruncated\x18\x08 \x01(\x08\x12\x0b\n\x03\x63ut\x18\t \x01(\x08\x12!\n\x04qpos\x18\n \x01(\x0b\x32\x13.palr_gym.v1.Tensor\x12!\n\x04qvel\x18\x0b \x01(\x0b\x32\x13.palr_gym.v1.Tensor\x12-\n\x10\x61\x63tion_log_probs\x18\x0c \x01(\x0b\x32\x13.palr_gym.v1.Tensor2[\n\x11\x43ollectionService\x12\x46\n\x07\x43ollect\x12\x1b.palr_gym.v1.CollectRequest\x1a\x1c.palr_gym.v1.CollectResponse0\x01\x62\x06proto3')
+DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n$palr_gym/v1/collection_service.proto\x12\x0bpalr_gym.v1\x1a\x1dpalr_gym/v1/environment.proto\x1a\x18palr_gym/v1/policy.proto\x1a palr_gym/v1/server_service.proto\x1a\x18palr_gym/v1/tensor.proto\"\xa3\x02\n\x0e\x43ollectRequest\x12\x0e\n\x06\x65nv_id\x18\x01 \x01(\t\x12#\n\x06policy\x18\x02 \x01(\x0b\x32\x13.palr_gym.v1.Policy\x12\x15\n\x0btransitions\x18\x03 \x01(\x04H\x00\x12\x12\n\x08\x65pisodes\x18\x04 \x01(\rH\x00\x12\x0c\n\x04seed\x18\x05 \x01(\x04\x12,\n\x0b\x61\x63tion_mode\x18\x06 \x01(\x0e\x32\x17.palr_gym.v1.ActionMode\x12\x15\n\x08num_envs\x18\x07 \x01(\rH\x01\x88\x01\x01\x12\x15\n\rfirst_episode\x18\x08 \x01(\r\x12\x30\n\rscene_options\x18\t \x01(\x0b\x32\x19.palr_gym.v1.SceneOptionsB\x08\n\x06\x61mountB\x0b\n\t_num_envs\"\x84\x01\n\x0f\x43ollectResponse\x12\x31\n\x07started\x18\x01 \x01(\x0b\x32\x1e.palr_gym.v1.CollectionStartedH\x00\x12\x32\n\x07\x65pisode\x18\x02 \x01(\x0b\x32\x1f.palr_gym.v1.EpisodeTransitionsH\x00\x42\n\n\x08response\"\x8d\x01\n\x11\x43ollectionStarted\x12*\n\x04spec\x18\x01 \x01(\x0b\x32\x1c.palr_gym.v1.EnvironmentSpec\x12\x15\n\rpolicy_sha256\x18\x02 \x01(\t\x12\x10\n\x08num_envs\x18\x03 \x01(\r\x12#\n\x06opengl\x18\x04 \x01(\x0b\x32\x13.palr_gym.v1.OpenGl\"\x81\x03\n\x12\x45pisodeTransitions\x12\r\n\x05index\x18\x01 \x01(\r\x12\x0c\n\x04seed\x18\x02 \x01(\x04\x12)\n\x0cobservations\x18\x03 \x01(\x0b\x32\x13.palr_gym.v1.Tensor\x12$\n\x07\x61\x63tions\x18\x04 \x01(\x0b\x32\x13.palr_gym.v1.Tensor\x12$\n\x07rewards\x18\x05 \x01(\x0b\x32\x13.palr_gym.v1.Tensor\x12.\n\x11next_observations\x18\x06 \x01(\x0b\x32\x13.palr_gym.v1.Tensor\x12\x12\n\nterminated\x18\x07 \x01(\x08\x12\x11\n\ttruncated\x18\x08 \x01(\x08\x12\x0b\n\x03\x63ut\x18\t \x01(\x08\x12!\n\x04qpos\x18\n \x01(\x0b\x32\x13.palr_gym.v1.Tensor\x12!\n\x04qvel\x18\x0b \x01(\x0b\x32\x13.palr_gym.v1.Tensor\x12-\n\x10\x61\x63tion_log_probs\x18\x0c \x01(\x0b\x32\x13.palr_gym.v1.Tensor2[\n\x11\x43ollectionService\x12\x46\n\x07\x43ollect\x12\x1b.palr_gym.v1.CollectRequest\x1a\x1c.palr_gym.v1.CollectResponse0\x01\x62\x06proto3')
 
 _globals = globals()
 _builder.BuildMessageAndEnumDescriptors(DESCRIPTOR, _globals)
 _builder.BuildTopDescriptorsAndMessages(DESCRIPTOR, 'palr_gym.v1.collection_service_pb2', _globals)
 if not _descriptor._USE_C_DESCRIPTORS:
   DESCRIPTOR._loaded_options = None
-  _globals['_COLLECTREQUEST']._serialized_start=137
-  _globals['_COLLECTREQUEST']._serialized_end=428
-  _globals['_COLLECTRESPONSE']._serialized_start=431
-  _globals['_COLLECTRESPONSE']._serialized_end=563
-  _globals['_COLLECTIONSTARTED']._serialized_start=565
-  _globals['_COLLECTIONSTARTED']._serialized_end=669
-  _globals['_EPISODETRANSITIONS']._serialized_start=672
-  _globals['_EPISODETRANSITIONS']._serialized_end=1057
-  _globals['_COLLECTIONSERVICE']._serialized_start=1059
-  _globals['_COLLECTIONSERVICE']._serialized_end=1150
+  _globals['_COLLECTREQUEST']._serialized_start=171
+  _globals['_COLLECTREQUEST']._serialized_end=462
+  _globals['_COLLECTRESPONSE']._serialized_start=465
+  _globals['_COLLECTRESPONSE']._serialized_end=597
+  _globals['_COLLECTIONSTARTED']._serialized_start=600
+  _globals['_COLLECTIONSTARTED']._serialized_end=741
+  _globals['_EPISODETRANSITIONS']._serialized_start=744
+  _globals['_EPISODETRANSITIONS']._serialized_end=1129
+  _globals['_COLLECTIONSERVICE']._serialized_start=1131
+  _globals['_COLLECTIONSERVICE']._serialized_end=1222
 # @@protoc_insertion_point(module_scope)

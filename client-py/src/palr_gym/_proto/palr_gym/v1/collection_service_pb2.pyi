@@ -1,5 +1,6 @@
 from palr_gym._proto.palr_gym.v1 import environment_pb2 as _environment_pb2
 from palr_gym._proto.palr_gym.v1 import policy_pb2 as _policy_pb2
+from palr_gym._proto.palr_gym.v1 import server_service_pb2 as _server_service_pb2
 from palr_gym._proto.palr_gym.v1 import tensor_pb2 as _tensor_pb2
 from google.protobuf import descriptor as _descriptor
 from google.protobuf import message as _message
@@ -39,14 +40,16 @@ class CollectResponse(_message.Message):
     def __init__(self, started: _Optional[_Union[CollectionStarted, _Mapping]] = ..., episode: _Optional[_Union[EpisodeTransitions, _Mapping]] = ...) -> None: ...
 
 class CollectionStarted(_message.Message):
-    __slots__ = ("spec", "policy_sha256", "num_envs")
+    __slots__ = ("spec", "policy_sha256", "num_envs", "opengl")
     SPEC_FIELD_NUMBER: _ClassVar[int]
     POLICY_SHA256_FIELD_NUMBER: _ClassVar[int]
     NUM_ENVS_FIELD_NUMBER: _ClassVar[int]
+    OPENGL_FIELD_NUMBER: _ClassVar[int]
     spec: _environment_pb2.EnvironmentSpec
     policy_sha256: str
     num_envs: int
-    def __init__(self, spec: _Optional[_Union[_environment_pb2.EnvironmentSpec, _Mapping]] = ..., policy_sha256: _Optional[str] = ..., num_envs: _Optional[int] = ...) -> None: ...
+    opengl: _server_service_pb2.OpenGl
+    def __init__(self, spec: _Optional[_Union[_environment_pb2.EnvironmentSpec, _Mapping]] = ..., policy_sha256: _Optional[str] = ..., num_envs: _Optional[int] = ..., opengl: _Optional[_Union[_server_service_pb2.OpenGl, _Mapping]] = ...) -> None: ...
 
 class EpisodeTransitions(_message.Message):
     __slots__ = ("index", "seed", "observations", "actions", "rewards", "next_observations", "terminated", "truncated", "cut", "qpos", "qvel", "action_log_probs")

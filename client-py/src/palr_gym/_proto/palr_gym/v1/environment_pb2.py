@@ -15,39 +15,43 @@ _sym_db = _symbol_database.Default()
 from palr_gym._proto.palr_gym.v1 import tensor_pb2 as palr__gym_dot_v1_dot_tensor__pb2
 
 
-DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x1dpalr_gym/v1/environment.proto\x12\x0bpalr_gym.v1\x1a\x18palr_gym/v1/tensor.proto\"\x95\x01\n\x0cSceneOptions\x12!\n\x14lead_car_probability\x18\x01 \x01(\x01H\x00\x88\x01\x01\x12%\n\x07weather\x18\x02 \x01(\x0e\x32\x14.palr_gym.v1.Weather\x12\x15\n\x08vehicles\x18\x03 \x01(\rH\x01\x88\x01\x01\x42\x17\n\x15_lead_car_probabilityB\x0b\n\t_vehicles\"i\n\x08\x42oxSpace\x12$\n\x05\x64type\x18\x01 \x01(\x0e\x32\x15.palr_gym.v1.DataType\x12\r\n\x05shape\x18\x02 \x03(\x03\x12\x0b\n\x03low\x18\x03 \x03(\x01\x12\x0c\n\x04high\x18\x04 \x03(\x01\x12\r\n\x05names\x18\x05 \x03(\t\"2\n\x10ReferenceReturns\x12\x0e\n\x06random\x18\x01 \x01(\x01\x12\x0e\n\x06\x65xpert\x18\x02 \x01(\x01\"A\n\x06\x45xpert\x12\x0e\n\x06sha256\x18\x01 \x01(\t\x12\x13\n\x0b\x63\x61rd_return\x18\x02 \x01(\x01\x12\x12\n\nmodel_card\x18\x03 \x01(\t\"\xc6\x02\n\x04Task\x12\x0c\n\x04name\x18\x01 \x01(\t\x12\x13\n\x0b\x64\x65scription\x18\x02 \x01(\t\x12\x0e\n\x06\x65quals\x18\x03 \x01(\t\x12\x1d\n\x15\x66ull_observation_size\x18\x04 \x01(\r\x12\x13\n\x0b\x61\x63tion_size\x18\x05 \x01(\r\x12\x19\n\x11max_episode_steps\x18\x06 \x01(\r\x12$\n\x05masks\x18\x07 \x03(\x0b\x32\x15.palr_gym.v1.TaskMask\x12\x38\n\x11reference_returns\x18\x08 \x01(\x0b\x32\x1d.palr_gym.v1.ReferenceReturns\x12#\n\x06\x65xpert\x18\t \x01(\x0b\x32\x13.palr_gym.v1.Expert\x12\x37\n\x11\x66idelity_profiles\x18\n \x03(\x0b\x32\x1c.palr_gym.v1.FidelityProfile\"|\n\x0f\x46idelityProfile\x12\'\n\x08\x66idelity\x18\x01 \x01(\x0e\x32\x15.palr_gym.v1.Fidelity\x12\x11\n\tid_suffix\x18\x02 \x01(\t\x12\x0e\n\x06\x65quals\x18\x03 \x01(\t\x12\x1d\n\x15\x66ull_observation_size\x18\x04 \x01(\r\"<\n\x08TaskMask\x12\x1f\n\x04mask\x18\x01 \x01(\x0e\x32\x11.palr_gym.v1.Mask\x12\x0f\n\x07indices\x18\x02 \x03(\r\"\x8c\x04\n\x0f\x45nvironmentSpec\x12\x0e\n\x06\x65nv_id\x18\x01 \x01(\t\x12\x0c\n\x04task\x18\x02 \x01(\t\x12\x1f\n\x04mask\x18\x03 \x01(\x0e\x32\x11.palr_gym.v1.Mask\x12\x13\n\x0b\x66rame_stack\x18\x04 \x01(\r\x12\x30\n\x11observation_space\x18\x05 \x01(\x0b\x32\x15.palr_gym.v1.BoxSpace\x12+\n\x0c\x61\x63tion_space\x18\x06 \x01(\x0b\x32\x15.palr_gym.v1.BoxSpace\x12\x19\n\x11max_episode_steps\x18\x07 \x01(\r\x12\x12\n\nframe_skip\x18\x08 \x01(\r\x12\x1a\n\x12physics_timestep_s\x18\t \x01(\x01\x12\x1a\n\x12\x63ontrol_timestep_s\x18\n \x01(\x01\x12\x12\n\ninfo_names\x18\x0b \x03(\t\x12\x38\n\x11reference_returns\x18\x0c \x01(\x0b\x32\x1d.palr_gym.v1.ReferenceReturns\x12\x12\n\nhas_expert\x18\r \x01(\x08\x12\x14\n\x0cmask_indices\x18\x0e \x03(\r\x12\'\n\x08\x66idelity\x18\x0f \x01(\x0e\x32\x15.palr_gym.v1.Fidelity\x12\x0e\n\x06\x65quals\x18\x10 \x01(\t\x12\x18\n\x10reset_info_names\x18\x11 \x03(\t\x12\x14\n\x0c\x63\x61mera_names\x18\x12 \x03(\t*L\n\x04Mask\x12\x14\n\x10MASK_UNSPECIFIED\x10\x00\x12\r\n\tMASK_FULL\x10\x01\x12\x0e\n\nMASK_PAPER\x10\x02\x12\x0f\n\x0bMASK_STRICT\x10\x03*J\n\x08\x46idelity\x12\x18\n\x14\x46IDELITY_UNSPECIFIED\x10\x00\x12\x11\n\rFIDELITY_GYM4\x10\x01\x12\x11\n\rFIDELITY_GYM5\x10\x02*\xae\x02\n\nDivergence\x12\x1a\n\x16\x44IVERGENCE_UNSPECIFIED\x10\x00\x12\x16\n\x12\x44IVERGENCE_INERTIA\x10\x01\x12\x1c\n\x18\x44IVERGENCE_CONTACTS_FULL\x10\x02\x12\x1f\n\x1b\x44IVERGENCE_CONSTRAINTS_FULL\x10\x03\x12\x1b\n\x17\x44IVERGENCE_BAD_POSITION\x10\x04\x12\x1b\n\x17\x44IVERGENCE_BAD_VELOCITY\x10\x05\x12\x1f\n\x1b\x44IVERGENCE_BAD_ACCELERATION\x10\x06\x12\x1a\n\x16\x44IVERGENCE_BAD_CONTROL\x10\x07\x12\x19\n\x15\x44IVERGENCE_NOT_FINITE\x10\x08\x12\x1b\n\x17\x44IVERGENCE_ENGINE_ERROR\x10\t*\x88\x01\n\rAutoresetMode\x12\x1e\n\x1a\x41UTORESET_MODE_UNSPECIFIED\x10\x00\x12\x1c\n\x18\x41UTORESET_MODE_NEXT_STEP\x10\x01\x12\x1c\n\x18\x41UTORESET_MODE_SAME_STEP\x10\x02\x12\x1b\n\x17\x41UTORESET_MODE_DISABLED\x10\x03*u\n\x0bOutOfBounds\x12\x1d\n\x19OUT_OF_BOUNDS_UNSPECIFIED\x10\x00\x12\x18\n\x14OUT_OF_BOUNDS_REJECT\x10\x01\x12\x16\n\x12OUT_OF_BOUNDS_CLIP\x10\x02\x12\x15\n\x11OUT_OF_BOUNDS_RAW\x10\x03*I\n\x07Weather\x12\x17\n\x13WEATHER_UNSPECIFIED\x10\x00\x12\x11\n\rWEATHER_FIXED\x10\x01\x12\x12\n\x0eWEATHER_RANDOM\x10\x02\x62\x06proto3')
+DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x1dpalr_gym/v1/environment.proto\x12\x0bpalr_gym.v1\x1a\x18palr_gym/v1/tensor.proto\"\x95\x01\n\x0cSceneOptions\x12!\n\x14lead_car_probability\x18\x01 \x01(\x01H\x00\x88\x01\x01\x12%\n\x07weather\x18\x02 \x01(\x0e\x32\x14.palr_gym.v1.Weather\x12\x15\n\x08vehicles\x18\x03 \x01(\rH\x01\x88\x01\x01\x42\x17\n\x15_lead_car_probabilityB\x0b\n\t_vehicles\"c\n\x10\x46\x65\x61tureExtractor\x12\x0c\n\x04name\x18\x01 \x01(\t\x12\x0e\n\x06sha256\x18\x02 \x01(\t\x12\x0c\n\x04size\x18\x03 \x01(\r\x12\x11\n\theight_px\x18\x04 \x01(\r\x12\x10\n\x08width_px\x18\x05 \x01(\r\"i\n\x08\x42oxSpace\x12$\n\x05\x64type\x18\x01 \x01(\x0e\x32\x15.palr_gym.v1.DataType\x12\r\n\x05shape\x18\x02 \x03(\x03\x12\x0b\n\x03low\x18\x03 \x03(\x01\x12\x0c\n\x04high\x18\x04 \x03(\x01\x12\r\n\x05names\x18\x05 \x03(\t\"2\n\x10ReferenceReturns\x12\x0e\n\x06random\x18\x01 \x01(\x01\x12\x0e\n\x06\x65xpert\x18\x02 \x01(\x01\"A\n\x06\x45xpert\x12\x0e\n\x06sha256\x18\x01 \x01(\t\x12\x13\n\x0b\x63\x61rd_return\x18\x02 \x01(\x01\x12\x12\n\nmodel_card\x18\x03 \x01(\t\"\xc6\x02\n\x04Task\x12\x0c\n\x04name\x18\x01 \x01(\t\x12\x13\n\x0b\x64\x65scription\x18\x02 \x01(\t\x12\x0e\n\x06\x65quals\x18\x03 \x01(\t\x12\x1d\n\x15\x66ull_observation_size\x18\x04 \x01(\r\x12\x13\n\x0b\x61\x63tion_size\x18\x05 \x01(\r\x12\x19\n\x11max_episode_steps\x18\x06 \x01(\r\x12$\n\x05masks\x18\x07 \x03(\x0b\x32\x15.palr_gym.v1.TaskMask\x12\x38\n\x11reference_returns\x18\x08 \x01(\x0b\x32\x1d.palr_gym.v1.ReferenceReturns\x12#\n\x06\x65xpert\x18\t \x01(\x0b\x32\x13.palr_gym.v1.Expert\x12\x37\n\x11\x66idelity_profiles\x18\n \x03(\x0b\x32\x1c.palr_gym.v1.FidelityProfile\"|\n\x0f\x46idelityProfile\x12\'\n\x08\x66idelity\x18\x01 \x01(\x0e\x32\x15.palr_gym.v1.Fidelity\x12\x11\n\tid_suffix\x18\x02 \x01(\t\x12\x0e\n\x06\x65quals\x18\x03 \x01(\t\x12\x1d\n\x15\x66ull_observation_size\x18\x04 \x01(\r\"<\n\x08TaskMask\x12\x1f\n\x04mask\x18\x01 \x01(\x0e\x32\x11.palr_gym.v1.Mask\x12\x0f\n\x07indices\x18\x02 \x03(\r\"\xfe\x04\n\x0f\x45nvironmentSpec\x12\x0e\n\x06\x65nv_id\x18\x01 \x01(\t\x12\x0c\n\x04task\x18\x02 \x01(\t\x12\x1f\n\x04mask\x18\x03 \x01(\x0e\x32\x11.palr_gym.v1.Mask\x12\x13\n\x0b\x66rame_stack\x18\x04 \x01(\r\x12\x30\n\x11observation_space\x18\x05 \x01(\x0b\x32\x15.palr_gym.v1.BoxSpace\x12+\n\x0c\x61\x63tion_space\x18\x06 \x01(\x0b\x32\x15.palr_gym.v1.BoxSpace\x12\x19\n\x11max_episode_steps\x18\x07 \x01(\r\x12\x12\n\nframe_skip\x18\x08 \x01(\r\x12\x1a\n\x12physics_timestep_s\x18\t \x01(\x01\x12\x1a\n\x12\x63ontrol_timestep_s\x18\n \x01(\x01\x12\x12\n\ninfo_names\x18\x0b \x03(\t\x12\x38\n\x11reference_returns\x18\x0c \x01(\x0b\x32\x1d.palr_gym.v1.ReferenceReturns\x12\x12\n\nhas_expert\x18\r \x01(\x08\x12\x14\n\x0cmask_indices\x18\x0e \x03(\r\x12\'\n\x08\x66idelity\x18\x0f \x01(\x0e\x32\x15.palr_gym.v1.Fidelity\x12\x0e\n\x06\x65quals\x18\x10 \x01(\t\x12\x18\n\x10reset_info_names\x18\x11 \x03(\t\x12\x14\n\x0c\x63\x61mera_names\x18\x12 \x03(\t\x12\x36\n\x10observation_kind\x18\x13 \x01(\x0e\x32\x1c.palr_gym.v1.ObservationKind\x12\x38\n\x11\x66\x65\x61ture_extractor\x18\x14 \x01(\x0b\x32\x1d.palr_gym.v1.FeatureExtractor*]\n\x04Mask\x12\x14\n\x10MASK_UNSPECIFIED\x10\x00\x12\r\n\tMASK_FULL\x10\x01\x12\x0e\n\nMASK_PAPER\x10\x02\x12\x0f\n\x0bMASK_STRICT\x10\x03\x12\x0f\n\x0bMASK_PIXELS\x10\x04*J\n\x08\x46idelity\x12\x18\n\x14\x46IDELITY_UNSPECIFIED\x10\x00\x12\x11\n\rFIDELITY_GYM4\x10\x01\x12\x11\n\rFIDELITY_GYM5\x10\x02*\xc5\x02\n\nDivergence\x12\x1a\n\x16\x44IVERGENCE_UNSPECIFIED\x10\x00\x12\x16\n\x12\x44IVERGENCE_INERTIA\x10\x01\x12\x1c\n\x18\x44IVERGENCE_CONTACTS_FULL\x10\x02\x12\x1f\n\x1b\x44IVERGENCE_CONSTRAINTS_FULL\x10\x03\x12\x1b\n\x17\x44IVERGENCE_BAD_POSITION\x10\x04\x12\x1b\n\x17\x44IVERGENCE_BAD_VELOCITY\x10\x05\x12\x1f\n\x1b\x44IVERGENCE_BAD_ACCELERATION\x10\x06\x12\x1a\n\x16\x44IVERGENCE_BAD_CONTROL\x10\x07\x12\x19\n\x15\x44IVERGENCE_NOT_FINITE\x10\x08\x12\x1b\n\x17\x44IVERGENCE_ENGINE_ERROR\x10\t\x12\x15\n\x11\x44IVERGENCE_UNSEEN\x10\n*\x88\x01\n\rAutoresetMode\x12\x1e\n\x1a\x41UTORESET_MODE_UNSPECIFIED\x10\x00\x12\x1c\n\x18\x41UTORESET_MODE_NEXT_STEP\x10\x01\x12\x1c\n\x18\x41UTORESET_MODE_SAME_STEP\x10\x02\x12\x1b\n\x17\x41UTORESET_MODE_DISABLED\x10\x03*u\n\x0bOutOfBounds\x12\x1d\n\x19OUT_OF_BOUNDS_UNSPECIFIED\x10\x00\x12\x18\n\x14OUT_OF_BOUNDS_REJECT\x10\x01\x12\x16\n\x12OUT_OF_BOUNDS_CLIP\x10\x02\x12\x15\n\x11OUT_OF_BOUNDS_RAW\x10\x03*I\n\x07Weather\x12\x17\n\x13WEATHER_UNSPECIFIED\x10\x00\x12\x11\n\rWEATHER_FIXED\x10\x01\x12\x12\n\x0eWEATHER_RANDOM\x10\x02*\x8b\x01\n\x0fObservationKind\x12 \n\x1cOBSERVATION_KIND_UNSPECIFIED\x10\x00\x12\x1a\n\x16OBSERVATION_KIND_STATE\x10\x01\x12\x1d\n\x19OBSERVATION_KIND_FEATURES\x10\x02\x12\x1b\n\x17OBSERVATION_KIND_PIXELS\x10\x03\x62\x06proto3')
 
 _globals = globals()
 _builder.BuildMessageAndEnumDescriptors(DESCRIPTOR, _globals)
 _builder.BuildTopDescriptorsAndMessages(DESCRIPTOR, 'palr_gym.v1.environment_pb2', _globals)
 if not _descriptor._USE_C_DESCRIPTORS:
   DESCRIPTOR._loaded_options = None
-  _globals['_MASK']._serialized_start=1494
-  _globals['_MASK']._serialized_end=1570
-  _globals['_FIDELITY']._serialized_start=1572
-  _globals['_FIDELITY']._serialized_end=1646
-  _globals['_DIVERGENCE']._serialized_start=1649
-  _globals['_DIVERGENCE']._serialized_end=1951
-  _globals['_AUTORESETMODE']._serialized_start=1954
-  _globals['_AUTORESETMODE']._serialized_end=2090
-  _globals['_OUTOFBOUNDS']._serialized_start=2092
-  _globals['_OUTOFBOUNDS']._serialized_end=2209
-  _globals['_WEATHER']._serialized_start=2211
-  _globals['_WEATHER']._serialized_end=2284
+  _globals['_MASK']._serialized_start=1709
+  _globals['_MASK']._serialized_end=1802
+  _globals['_FIDELITY']._serialized_start=1804
+  _globals['_FIDELITY']._serialized_end=1878
+  _globals['_DIVERGENCE']._serialized_start=1881
+  _globals['_DIVERGENCE']._serialized_end=2206
+  _globals['_AUTORESETMODE']._serialized_start=2209
+  _globals['_AUTORESETMODE']._serialized_end=2345
+  _globals['_OUTOFBOUNDS']._serialized_start=2347
+  _globals['_OUTOFBOUNDS']._serialized_end=2464
+  _globals['_WEATHER']._serialized_start=2466
+  _globals['_WEATHER']._serialized_end=2539
+  _globals['_OBSERVATIONKIND']._serialized_start=2542
+  _globals['_OBSERVATIONKIND']._serialized_end=2681
   _globals['_SCENEOPTIONS']._serialized_start=73
   _globals['_SCENEOPTIONS']._serialized_end=222
-  _globals['_BOXSPACE']._serialized_start=224
-  _globals['_BOXSPACE']._serialized_end=329
-  _globals['_REFERENCERETURNS']._serialized_start=331
-  _globals['_REFERENCERETURNS']._serialized_end=381
-  _globals['_EXPERT']._serialized_start=383
-  _globals['_EXPERT']._serialized_end=448
-  _globals['_TASK']._serialized_start=451
-  _globals['_TASK']._serialized_end=777
-  _globals['_FIDELITYPROFILE']._serialized_start=779
-  _globals['_FIDELITYPROFILE']._serialized_end=903
-  _globals['_TASKMASK']._serialized_start=905
-  _globals['_TASKMASK']._serialized_end=965
-  _globals['_ENVIRONMENTSPEC']._serialized_start=968
-  _globals['_ENVIRONMENTSPEC']._serialized_end=1492
+  _globals['_FEATUREEXTRACTOR']._serialized_start=224
+  _globals['_FEATUREEXTRACTOR']._serialized_end=323
+  _globals['_BOXSPACE']._serialized_start=325
+  _globals['_BOXSPACE']._serialized_end=430
+  _globals['_REFERENCERETURNS']._serialized_start=432
+  _globals['_REFERENCERETURNS']._serialized_end=482
+  _globals['_EXPERT']._serialized_start=484
+  _globals['_EXPERT']._serialized_end=549
+  _globals['_TASK']._serialized_start=552
+  _globals['_TASK']._serialized_end=878
+  _globals['_FIDELITYPROFILE']._serialized_start=880
+  _globals['_FIDELITYPROFILE']._serialized_end=1004
+  _globals['_TASKMASK']._serialized_start=1006
+  _globals['_TASKMASK']._serialized_end=1066
+  _globals['_ENVIRONMENTSPEC']._serialized_start=1069
+  _globals['_ENVIRONMENTSPEC']._serialized_end=1707
 # @@protoc_insertion_point(module_scope)

@@ -14,6 +14,7 @@ class Mask(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     MASK_FULL: _ClassVar[Mask]
     MASK_PAPER: _ClassVar[Mask]
     MASK_STRICT: _ClassVar[Mask]
+    MASK_PIXELS: _ClassVar[Mask]
 
 class Fidelity(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     __slots__ = ()
@@ -33,6 +34,7 @@ class Divergence(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     DIVERGENCE_BAD_CONTROL: _ClassVar[Divergence]
     DIVERGENCE_NOT_FINITE: _ClassVar[Divergence]
     DIVERGENCE_ENGINE_ERROR: _ClassVar[Divergence]
+    DIVERGENCE_UNSEEN: _ClassVar[Divergence]
 
 class AutoresetMode(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     __slots__ = ()
@@ -53,10 +55,18 @@ class Weather(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     WEATHER_UNSPECIFIED: _ClassVar[Weather]
     WEATHER_FIXED: _ClassVar[Weather]
     WEATHER_RANDOM: _ClassVar[Weather]
+
+class ObservationKind(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+    __slots__ = ()
+    OBSERVATION_KIND_UNSPECIFIED: _ClassVar[ObservationKind]
+    OBSERVATION_KIND_STATE: _ClassVar[ObservationKind]
+    OBSERVATION_KIND_FEATURES: _ClassVar[ObservationKind]
+    OBSERVATION_KIND_PIXELS: _ClassVar[ObservationKind]
 MASK_UNSPECIFIED: Mask
 MASK_FULL: Mask
 MASK_PAPER: Mask
 MASK_STRICT: Mask
+MASK_PIXELS: Mask
 FIDELITY_UNSPECIFIED: Fidelity
 FIDELITY_GYM4: Fidelity
 FIDELITY_GYM5: Fidelity
@@ -70,6 +80,7 @@ DIVERGENCE_BAD_ACCELERATION: Divergence
 DIVERGENCE_BAD_CONTROL: Divergence
 DIVERGENCE_NOT_FINITE: Divergence
 DIVERGENCE_ENGINE_ERROR: Divergence
+DIVERGENCE_UNSEEN: Divergence
 AUTORESET_MODE_UNSPECIFIED: AutoresetMode
 AUTORESET_MODE_NEXT_STEP: AutoresetMode
 AUTORESET_MODE_SAME_STEP: AutoresetMode
@@ -81,6 +92,10 @@ OUT_OF_BOUNDS_RAW: OutOfBounds
 WEATHER_UNSPECIFIED: Weather
 WEATHER_FIXED: Weather
 WEATHER_RANDOM: Weather
+OBSERVATION_KIND_UNSPECIFIED: ObservationKind
+OBSERVATION_KIND_STATE: ObservationKind
+OBSERVATION_KIND_FEATURES: ObservationKind
+OBSERVATION_KIND_PIXELS: ObservationKind
 
 class SceneOptions(_message.Message):
     __slots__ = ("lead_car_probability", "weather", "vehicles")
@@ -91,6 +106,20 @@ class SceneOptions(_message.Message):
     weather: Weather
     vehicles: int
     def __init__(self, lead_car_probability: _Optional[float] = ..., weather: _Optional[_Union[Weather, str]] = ..., vehicles: _Optional[int] = ...) -> None: ...
+
+class FeatureExtractor(_message.Message):
+    __slots__ = ("name", "sha256", "size", "height_px", "width_px")
+    NAME_FIELD_NUMBER: _ClassVar[int]
+    SHA256_FIELD_NUMBER: _ClassVar[int]
+    SIZE_FIELD_NUMBER: _ClassVar[int]
+    HEIGHT_PX_FIELD_NUMBER: _ClassVar[int]
+    WIDTH_PX_FIELD_NUMBER: _ClassVar[int]
+    name: str
+    sha256: str
+    size: int
+    height_px: int
+    width_px: int
+    def __init__(self, name: _Optional[str] = ..., sha256: _Optional[str] = ..., size: _Optional[int] = ..., height_px: _Optional[int] = ..., width_px: _Optional[int] = ...) -> None: ...
 
 class BoxSpace(_message.Message):
     __slots__ = ("dtype", "shape", "low", "high", "names")
@@ -169,7 +198,7 @@ class TaskMask(_message.Message):
     def __init__(self, mask: _Optional[_Union[Mask, str]] = ..., indices: _Optional[_Iterable[int]] = ...) -> None: ...
 
 class EnvironmentSpec(_message.Message):
-    __slots__ = ("env_id", "task", "mask", "frame_stack", "observation_space", "action_space", "max_episode_steps", "frame_skip", "physics_timestep_s", "control_timestep_s", "info_names", "reference_returns", "has_expert", "mask_indices", "fidelity", "equals", "reset_info_names", "camera_names")
+    __slots__ = ("env_id", "task", "mask", "frame_stack", "observation_space", "action_space", "max_episode_steps", "frame_skip", "physics_timestep_s", "control_timestep_s", "info_names", "reference_returns", "has_expert", "mask_indices", "fidelity", "equals", "reset_info_names", "camera_names", "observation_kind", "feature_extractor")
     ENV_ID_FIELD_NUMBER: _ClassVar[int]
     TASK_FIELD_NUMBER: _ClassVar[int]
     MASK_FIELD_NUMBER: _ClassVar[int]
@@ -188,6 +217,8 @@ class EnvironmentSpec(_message.Message):
     EQUALS_FIELD_NUMBER: _ClassVar[int]
     RESET_INFO_NAMES_FIELD_NUMBER: _ClassVar[int]
     CAMERA_NAMES_FIELD_NUMBER: _ClassVar[int]
+    OBSERVATION_KIND_FIELD_NUMBER: _ClassVar[int]
+    FEATURE_EXTRACTOR_FIELD_NUMBER: _ClassVar[int]
     env_id: str
     task: str
     mask: Mask
@@ -206,4 +237,6 @@ class EnvironmentSpec(_message.Message):
     equals: str
     reset_info_names: _containers.RepeatedScalarFieldContainer[str]
     camera_names: _containers.RepeatedScalarFieldContainer[str]
-    def __init__(self, env_id: _Optional[str] = ..., task: _Optional[str] = ..., mask: _Optional[_Union[Mask, str]] = ..., frame_stack: _Optional[int] = ..., observation_space: _Optional[_Union[BoxSpace, _Mapping]] = ..., action_space: _Optional[_Union[BoxSpace, _Mapping]] = ..., max_episode_steps: _Optional[int] = ..., frame_skip: _Optional[int] = ..., physics_timestep_s: _Optional[float] = ..., control_timestep_s: _Optional[float] = ..., info_names: _Optional[_Iterable[str]] = ..., reference_returns: _Optional[_Union[ReferenceReturns, _Mapping]] = ..., has_expert: _Optional[bool] = ..., mask_indices: _Optional[_Iterable[int]] = ..., fidelity: _Optional[_Union[Fidelity, str]] = ..., equals: _Optional[str] = ..., reset_info_names: _Optional[_Iterable[str]] = ..., camera_names: _Optional[_Iterable[str]] = ...) -> None: ...
+    observation_kind: ObservationKind
+    feature_extractor: FeatureExtractor
+    def __init__(self, env_id: _Optional[str] = ..., task: _Optional[str] = ..., mask: _Optional[_Union[Mask, str]] = ..., frame_stack: _Optional[int] = ..., observation_space: _Optional[_Union[BoxSpace, _Mapping]] = ..., action_space: _Optional[_Union[BoxSpace, _Mapping]] = ..., max_episode_steps: _Optional[int] = ..., frame_skip: _Optional[int] = ..., physics_timestep_s: _Optional[float] = ..., control_timestep_s: _Optional[float] = ..., info_names: _Optional[_Iterable[str]] = ..., reference_returns: _Optional[_Union[ReferenceReturns, _Mapping]] = ..., has_expert: _Optional[bool] = ..., mask_indices: _Optional[_Iterable[int]] = ..., fidelity: _Optional[_Union[Fidelity, str]] = ..., equals: _Optional[str] = ..., reset_info_names: _Optional[_Iterable[str]] = ..., camera_names: _Optional[_Iterable[str]] = ..., observation_kind: _Optional[_Union[ObservationKind, str]] = ..., feature_extractor: _Optional[_Union[FeatureExtractor, _Mapping]] = ...) -> None: ...
