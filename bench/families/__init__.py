@@ -1,6 +1,6 @@
 """One module for each first part of a name, and a line here."""
 
-from bench.families import collect, idle, latency, memory, sac, start, step, train
+from bench.families import collect, idle, latency, memory, sac, see, start, step, train
 from bench.plan import Group
 
 
@@ -15,4 +15,5 @@ def groups() -> list[Group]:
         *train.groups(),
         *sac.groups(),
         *collect.groups(),
+        *see.groups(),
     ]
