@@ -1,6 +1,6 @@
 """One module for each first part of a name, and a line here."""
 
-from bench.families import collect, hours, idle, latency, memory, sac, start, step, train
+from bench.families import collect, hours, idle, latency, memory, sac, see, start, step, train
 from bench.plan import Group
 
 
@@ -16,4 +16,5 @@ def groups() -> list[Group]:
         *hours.groups(),
         *sac.groups(),
         *collect.groups(),
+        *see.groups(),
     ]

@@ -10,11 +10,14 @@
 //! - `bin/bench-train.rs`: what a step of imitation learning costs; `bin/bench-sac.rs`: updates of
 //!   soft actor-critic.
 //! - `bin/bench-collect-limit.rs`: bare physics and inference, the upper limit of recording.
+//! - `bin/bench-see.rs`: drawing, and features of pictures.
 //! - here: the work that all of them are given, and how they report.
 //!
 //! Every program measures once and prints one line of JSON; `bench/run.py` repeats, interleaves
 //! and compares.
 #![allow(clippy::print_stdout, reason = "the result goes to whoever started the program")]
+
+use std::time::Duration;
 
 use clap::Args;
 use palr_gym_core::random::Generator;
@@ -67,6 +70,30 @@ pub struct Measurement {
     pub wall_s: f64,
     /// Environment steps per second.
     pub rate: f64,
+}
+
+/// Pictures that were drawn, or of which features were made, while the clock ran.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Seen {
+    /// How many.
+    pub pictures: usize,
+    /// Seconds from the first to the last.
+    pub wall_s: f64,
+    /// CPU seconds of all threads.
+    pub cpu_s: f64,
+    /// Pictures per second.
+    pub rate: f64,
+    /// Pictures per CPU second.
+    pub rate_per_cpu_s: f64,
+}
+
+impl Seen {
+    /// `pictures` in `wall`, which took `cpu_s`.
+    #[must_use]
+    pub fn new(pictures: usize, wall: Duration, cpu_s: f64) -> Self {
+        let (count, wall_s) = (pictures as f64, wall.as_secs_f64());
+        Self { pictures, wall_s, cpu_s, rate: count / wall_s, rate_per_cpu_s: count / cpu_s }
+    }
 }
 
 /// Prints `result` as the program's one line of output.

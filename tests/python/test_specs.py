@@ -162,6 +162,6 @@ def test_the_lane_task_is_listed_with_its_own_facts(client: Client) -> None:
     assert spec.has_expert
     assert spec.control_timestep_s == pytest.approx(0.05)
     assert spec.observation_space.shape == (task.full_observation_size,)
-    for env_id in ("lane-w3", "lane-strict", "lane-gym5"):
+    for env_id in ("lane-strict", "lane-gym5", "hopper-pixels"):
         with pytest.raises(InvalidArgument, match=r"has no .* variant"):
             client.spec(env_id)
