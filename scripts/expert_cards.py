@@ -36,18 +36,23 @@ def with_table(readme: str) -> str:
 
 
 def _row(task: str, card: dict[str, Any]) -> str:
-    fitness = card["fitness"]
     hours = card["wall_time_s"] / 3600
     cells = [
         f"`{task}`",
         _measured(card["deterministic"]),
         _measured(card["sampled"]),
-        f"{100 * fitness['share_of_expert']:.0f} %" if fitness else "not tried",
+        _fitness(card["fitness"]),
         f"`{card['command']}`",
         f"{_spaced(card['steps'])}, {_spaced(card['updates'])}, {hours:.1f}",
         f"`{card['onnx']['sha256']}`",
     ]
     return f"| {' | '.join(cells)} |"
+
+
+def _fitness(fitness: dict[str, Any] | None) -> str:
+    if fitness is None:
+        return "not tried"
+    return f"{100 * fitness['share_of_expert']:.0f} %, {_spaced(fitness['steps'])} steps"
 
 
 def _spaced(count: int) -> str:

@@ -16,3 +16,4 @@ mod sessions;
 mod snapshot;
 mod stream;
 mod support;
+mod toy;

@@ -117,6 +117,14 @@ pub enum ClientError {
     /// Training.
     #[error(transparent)]
     Train(#[from] TrainError),
+    /// One of several runs that train together.
+    #[error("run {}: {cause}", run_folder.display())]
+    OneOfMany {
+        /// Of the run.
+        run_folder: PathBuf,
+        /// What is wrong with it.
+        cause: Box<ClientError>,
+    },
     /// A figure.
     #[error("cannot draw {}: {message}", path.display())]
     Plot {
@@ -134,7 +142,7 @@ impl ClientError {
         match self {
             Self::Address { .. }
             | Self::Train(TrainError::Setting { .. } | TrainError::UnknownSetting { .. }) => true,
-            Self::Settings { cause, .. } => cause.is_bad_request(),
+            Self::Settings { cause, .. } | Self::OneOfMany { cause, .. } => cause.is_bad_request(),
             Self::Status { code, .. } => {
                 matches!(code, Code::InvalidArgument | Code::NotFound | Code::FailedPrecondition)
             }

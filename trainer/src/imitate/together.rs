@@ -19,7 +19,8 @@ use crate::learning::{LockstepRun, Progress, train_lockstep};
 /// own receiver of events; dropping one does no harm. A run has the bits that it would have alone.
 ///
 /// # Errors
-/// As [`Imitation::run`]. If one run fails, all end: the others with a checkpoint.
+/// As [`Imitation::run`], with the folder of the run that failed if there are several. If one run
+/// fails, all end: the others with a checkpoint.
 pub async fn run_together(
     runs: Vec<Imitation>,
     client: &Client,
@@ -46,15 +47,16 @@ pub async fn run_together(
         message: error.to_string(),
     })?;
     let mut evaluations = Vec::with_capacity(runs.len());
-    for Witness { beside, .. } in witnesses {
-        evaluations.push(match &outcomes {
+    for (place, Witness { beside, .. }) in witnesses.into_iter().enumerate() {
+        let evaluation = match &outcomes {
             // The last evaluations may still be under way; or it was one of them that failed.
             Ok(_) | Err(ClientError::EvaluationStopped { .. }) => beside.finish().await,
             Err(_) => {
                 beside.abort();
                 Ok(None)
             }
-        });
+        };
+        evaluations.push(evaluation.map_err(|cause| of_run(&runs, place, cause)));
     }
     // Nobody else may write in the folders before that.
     drop(runs);
@@ -64,6 +66,18 @@ pub async fn run_together(
         (outcomes, evaluations) => {
             let outcomes = outcomes?.into_iter().zip(evaluations?);
             Ok(outcomes.map(|(outcome, evaluation)| Outcome { evaluation, ..outcome }).collect())
+        }
+    }
+}
+
+/// Says which of several runs failed.
+fn of_run(runs: &[Imitation], place: usize, cause: ClientError) -> ClientError {
+    match (runs, cause) {
+        // The evaluation that failed says why.
+        ([_], cause) | (_, cause @ ClientError::EvaluationStopped { .. }) => cause,
+        (runs, cause) => {
+            let run_folder = runs[place].folder().to_path_buf();
+            ClientError::OneOfMany { run_folder, cause: Box::new(cause) }
         }
     }
 }
@@ -112,7 +126,7 @@ fn learn(
         match witnesses[place].report(&runs[place].settings, progress) {
             Ok(()) => ControlFlow::Continue(()),
             Err(error) => {
-                failed = Some(error);
+                failed = Some(of_run(runs, place, error));
                 ControlFlow::Break(())
             }
         }

@@ -92,6 +92,14 @@ pub enum TrainError {
         /// What is wrong and what to do.
         message: String,
     },
+    /// One of several runs that train together.
+    #[error("run {}: {cause}", run_folder.display())]
+    OneOfMany {
+        /// Of the run.
+        run_folder: PathBuf,
+        /// What is wrong with it.
+        cause: Box<TrainError>,
+    },
     /// The tensor library failed.
     #[error("the tensor library failed: {0}")]
     Tensor(String),

@@ -36,7 +36,8 @@ pub struct LockstepRun<'a> {
 ///
 /// # Errors
 /// [`TrainError::Setting`] for runs that do not draw the same batches or share a folder; any
-/// [`TrainError`] of a run: then the others leave a checkpoint.
+/// [`TrainError`] of a run, which [`TrainError::OneOfMany`] names if it is not alone: then the others
+/// leave a checkpoint.
 pub fn train_lockstep(
     runs: &[LockstepRun<'_>],
     resume: bool,
@@ -44,18 +45,30 @@ pub fn train_lockstep(
     mut on_progress: impl FnMut(usize, &Progress) -> ControlFlow<()>,
 ) -> Result<Vec<Trained>, TrainError> {
     check(runs)?;
+    let of_run = |place: usize, cause: TrainError| match runs {
+        [_] => cause,
+        _ => {
+            let run_folder = runs[place].run_folder.to_path_buf();
+            TrainError::OneOfMany { run_folder, cause: Box::new(cause) }
+        }
+    };
+    let finish = |trainers: Vec<Trainer<'_>>| {
+        let numbered = trainers.into_iter().enumerate();
+        numbered
+            .map(|(place, trainer)| trainer.finish().map_err(|cause| of_run(place, cause)))
+            .collect()
+    };
     let shared = SharedWeights::default();
     let mut trainers = Vec::with_capacity(runs.len());
-    for run in runs {
+    for (place, run) in runs.iter().enumerate() {
         let LockstepRun { config, data, held_out, run_folder } = *run;
         let shared = shared.clone();
-        trainers.push(Trainer::start(config, data, held_out, run_folder, resume, shared)?);
+        let trainer = Trainer::start(config, data, held_out, run_folder, resume, shared);
+        trainers.push(trainer.map_err(|cause| of_run(place, cause))?);
     }
     let end = rounds(&mut trainers, is_stopped, &mut on_progress);
     let failed = match &end {
-        Ok(ControlFlow::Continue(())) => {
-            return trainers.into_iter().map(Trainer::finish).collect();
-        }
+        Ok(ControlFlow::Continue(())) => return finish(trainers),
         Ok(ControlFlow::Break(())) => None,
         Err((place, _)) => Some(*place),
     };
@@ -66,8 +79,8 @@ pub fn train_lockstep(
         }
     }
     match end {
-        Err((_, error)) => Err(error),
-        Ok(_) => trainers.into_iter().map(Trainer::finish).collect(),
+        Err((place, cause)) => Err(of_run(place, cause)),
+        Ok(_) => finish(trainers),
     }
 }
 

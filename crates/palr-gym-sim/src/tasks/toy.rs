@@ -3,15 +3,18 @@
 //!
 //! A goal g, -1 or 1, changes sides with probability [`CHANGE`] before each step. The agent is paid
 //! action · g. It never sees g but a cue, which equals g with probability [`RIGHT`] and is drawn anew
-//! each step, and the cart's position, which goes half of the way to the action in a step: a stack of
-//! two positions tells the past action. The demonstrator sees g and drives to its side at once.
+//! each step, and the cart's position, which is the past action: within a step the cart is there. The
+//! demonstrator sees g and drives to its side at once.
 //!
 //! # Why the copycat is wrong
-//! In the demonstrations the past action is g of the step before, and tells more of g (99 of 100)
-//! than the cue does (92 of 100): where they disagree, g is with the past action in 90 of 100. The
+//! In the demonstrations the past action shows g of the step before, and tells more of g (98 of 100)
+//! than the cue does (90 of 100): where they disagree, g is with the past action in 84 of 100. The
 //! likeliest policy stays where it is, whatever the cue says, and once its past actions are its own
 //! it stays there for good and earns nothing. What is independent of the past action given the
-//! demonstrator's is the cue; the policy that follows it earns 2 · 0.92 - 1 = 0.84 a step.
+//! demonstrator's is the cue; the policy that follows it earns 2 · 0.9 - 1 = 0.8 a step.
+//!
+//! It matters that the cart arrives. One that goes part of the way sums up what its driver did, and
+//! the policy of a copycat who leans to the cue a little sums up the cues: a fair filter of the goal.
 //!
 //! # The optimum
 //! No policy that sees cues only, whatever it remembers, earns more than Bayes' rule does: the
@@ -27,12 +30,12 @@ use super::{Outcome, Task};
 use crate::physics::{Physics, Scene, Start};
 
 /// Probability that the goal changes sides before a step.
-const CHANGE: f64 = 0.01;
+const CHANGE: f64 = 0.02;
 /// Probability that a cue shows the goal's side.
-const RIGHT: f64 = 0.92;
+const RIGHT: f64 = 0.9;
 const STEPS: u32 = 400;
 /// Return of the best policy of the cues so far; computed anew by a test.
-const OPTIMAL_RETURN: f64 = 384.03;
+const OPTIMAL_RETURN: f64 = 370.21;
 
 /// Places in the scene's userdata.
 const GOAL: usize = 0;
@@ -165,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn goals_and_cues_are_as_likely_as_stated_and_positions_tell_the_past_action() {
+    fn goals_and_cues_are_as_likely_as_stated_and_the_position_is_the_past_action() {
         let (task, spec) = resolve("toy").unwrap();
         let mut env = Env::new(task, &Arc::new(spec)).unwrap();
         let mut info = [0.0];
@@ -173,15 +176,13 @@ mod tests {
         for seed in 0..50 {
             env.reset(Some(seed)).unwrap();
             for step in 0..STEPS {
-                let (before, goal) = (env.observation()[0], env.observation()[3]);
+                let goal = env.observation()[3];
                 right += u32::from(env.observation()[1] == goal);
                 let action = if step % 3 == 0 { -0.75 } else { 0.5 };
                 let transition = env.step(&[action], &mut info);
                 assert_eq!(transition.reward, f64::from(action) * goal);
                 assert_eq!(info, [goal]);
-                // Up to what is left of the velocity.
-                let half_way = f64::midpoint(before, f64::from(action));
-                assert!((env.observation()[0] - half_way).abs() < 0.1);
+                assert!((env.observation()[0] - f64::from(action)).abs() < 2e-3);
                 changes += u32::from(env.observation()[3] != goal);
                 assert_eq!(transition.is_last(), step + 1 == STEPS);
                 steps += 1;

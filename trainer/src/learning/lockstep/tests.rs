@@ -91,6 +91,34 @@ fn a_run_in_lockstep_has_the_bits_that_it_has_alone() {
 }
 
 #[test]
+fn a_run_that_fails_among_others_is_named_and_the_others_keep_their_steps() {
+    let data = data(1);
+    let folder = tempfile::tempdir().unwrap();
+    let folders = ["a", "b"].map(|name| folder.path().join(name));
+    // Steps so large that nothing stays finite.
+    let configs = [1e-3, 1e38]
+        .map(|learning_rate| TrainConfig { learning_rate, ..config(Algorithm::Bc, 0, 1.0) });
+    let runs: Vec<LockstepRun<'_>> = folders
+        .iter()
+        .zip(&configs)
+        .map(|(run_folder, config)| {
+            std::fs::create_dir(run_folder).unwrap();
+            LockstepRun { config, data: &data, held_out: None, run_folder }
+        })
+        .collect();
+    let go_on = |_: usize, _: &Progress| ControlFlow::Continue(());
+    let error = train_lockstep(&runs, false, &GO_ON, go_on).unwrap_err();
+    let TrainError::OneOfMany { run_folder, cause } = &error else { panic!("{error}") };
+    assert_eq!(run_folder, &folders[1]);
+    assert!(matches!(**cause, TrainError::Diverged { .. }), "{cause}");
+    assert!(error.to_string().starts_with(&format!("run {}: ", folders[1].display())));
+    assert!(folders[0].join(CHECKPOINT_FILE).exists());
+    // Alone, it need not be told apart.
+    let alone = train_lockstep(&runs[1..], true, &GO_ON, go_on).unwrap_err();
+    assert_eq!(alone.to_string(), cause.to_string());
+}
+
+#[test]
 fn runs_that_draw_other_batches_or_share_a_folder_are_refused() {
     let data = data(1);
     let folder = tempfile::tempdir().unwrap();
