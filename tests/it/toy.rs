@@ -41,6 +41,7 @@ async fn demonstrate(client: &Client, file: &Path, seed: u64) {
         seed: 1_000_000 * (seed + 1),
         action_mode: ActionMode::Sampled,
         num_envs: None,
+        scene_options: None,
         out: file.to_path_buf(),
         existing: Existing::Keep,
     };
@@ -100,6 +101,7 @@ async fn behaviour_cloning_is_a_copycat_and_palr_is_none() {
                 seed: 0,
                 action_mode: ActionMode::Deterministic,
                 num_envs: None,
+                scene_options: None,
             };
             // 0 is chance, 100 the best that a policy of the cues can do.
             scores.push(evaluate(&client, &options, |_| {}).await.unwrap().score_mean);

@@ -16,7 +16,7 @@ def registered_env_ids() -> list[str]:
     """The server's ids of the environments that are registered.
 
     Full, paper's and strict mask, and each of Gymnasium's tasks as Gymnasium's `-v5` defines it;
-    of `lane` its state, features of the driver's picture, and that picture, and of `town` its state.
+    of `lane` its state, features of what the driver sees, and pictures of it; of `town` its state.
     """
     stacks = range(1, DEEPEST_REGISTERED_STACK + 1)
     robots = [
