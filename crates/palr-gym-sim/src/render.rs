@@ -170,6 +170,11 @@ pub fn gl_info() -> Option<GlInfo> {
     gl::info()
 }
 
+/// From now on, what a thread has of OpenGL is left to the system when the thread ends.
+pub(crate) fn leave_contexts() {
+    gl::leave();
+}
+
 /// The mean of every 2 x 2 pixels, rounded; OpenGL's rows come from below.
 fn average_from_below(rows: &[u8], width: usize, height: usize, picture: &mut Vec<u8>) {
     let row_len = 2 * width * 3;

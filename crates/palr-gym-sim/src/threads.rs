@@ -9,7 +9,8 @@ use std::cell::Cell;
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError, Weak};
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use crate::error::SimError;
@@ -20,6 +21,38 @@ const SPIN: Duration = Duration::from_micros(150);
 const LOOKS: u32 = 64;
 /// Room for this many jobs before the queue has to grow.
 const QUEUE_ROOM: usize = 256;
+
+/// A thread that is about to end does so within this time, whatever it draws or simulates.
+const PATIENCE: Duration = Duration::from_secs(2);
+
+/// Every thread that was started and not waited for.
+static STARTED: Mutex<Vec<(Weak<Shared>, JoinHandle<()>)>> = Mutex::new(Vec::new());
+
+/// To be called before the process ends. Graphics libraries clean up at exit, and a thread that uses one
+/// meanwhile, be it to free its OpenGL context, crashes: threads that are ending are waited for, and those
+/// that end later leave their contexts to the system.
+pub fn before_exit() {
+    crate::render::leave_contexts();
+    let deadline = Instant::now() + PATIENCE;
+    let mut started = std::mem::take(&mut *started());
+    while !started.is_empty() && Instant::now() < deadline {
+        let is_ending = |(shared, thread): &(Weak<Shared>, JoinHandle<()>)| {
+            thread.is_finished() || shared.upgrade().is_none_or(|shared| shared.lock().is_closed)
+        };
+        started.retain(is_ending);
+        for index in (0..started.len()).rev() {
+            if started[index].1.is_finished() {
+                // A panic of a thread was logged when it happened.
+                let _ = started.swap_remove(index).1.join();
+            }
+        }
+        std::thread::sleep(Duration::from_millis(1));
+    }
+}
+
+fn started() -> MutexGuard<'static, Vec<(Weak<Shared>, JoinHandle<()>)>> {
+    STARTED.lock().unwrap_or_else(PoisonError::into_inner)
+}
 
 /// Something to do on a simulation thread.
 pub trait Job: Send + Sync + 'static {
@@ -90,10 +123,13 @@ impl SimulationThreads {
         let close = Arc::new(CloseOnDrop(Arc::clone(&shared)));
         for index in 0..count {
             let worker = Arc::clone(&shared);
-            std::thread::Builder::new()
+            let thread = std::thread::Builder::new()
                 .name(format!("sim-{index}"))
                 .spawn(move || worker.work(index))
                 .map_err(|error| SimError::Threads { threads, message: error.to_string() })?;
+            let mut started = started();
+            started.retain(|(_, thread)| !thread.is_finished());
+            started.push((Arc::downgrade(&shared), thread));
         }
         Ok(Self { shared, _close: close })
     }

@@ -49,6 +49,7 @@ fn main() -> ExitCode {
         }
     };
     let result = runtime.block_on(run(cli));
+    palr_gym_sim::threads::before_exit();
     // Rollouts that nobody reads any more end on their own; do not wait for them.
     runtime.shutdown_background();
     match result {

@@ -279,7 +279,7 @@ impl Canvas {
 
 impl Drop for Canvas {
     fn drop(&mut self) {
-        if self.gl.make_current().is_err() {
+        if gl::is_left() || self.gl.make_current().is_err() {
             // What cannot be freed goes with its context.
             return;
         }

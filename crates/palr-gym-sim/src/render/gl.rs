@@ -4,6 +4,7 @@
 use std::ffi::{CStr, c_char, c_int, c_uint, c_void};
 use std::path::{Path, PathBuf};
 use std::ptr::{null, null_mut};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, OnceLock, PoisonError};
 
 use libloading::os::unix::{Library, RTLD_GLOBAL, RTLD_NOW};
@@ -195,8 +196,22 @@ impl Context {
     }
 }
 
+/// True once the process is about to end: the library may be gone.
+static IS_LEFT: AtomicBool = AtomicBool::new(false);
+
+pub(super) fn leave() {
+    IS_LEFT.store(true, Ordering::SeqCst);
+}
+
+pub(super) fn is_left() -> bool {
+    IS_LEFT.load(Ordering::SeqCst)
+}
+
 impl Drop for Context {
     fn drop(&mut self) {
+        if is_left() {
+            return;
+        }
         match self {
             Self::Osmesa { api, handle, .. } => {
                 // SAFETY: the context is this thread's own and was made by the same library, which
