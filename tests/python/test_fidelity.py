@@ -16,6 +16,7 @@ from support.reference import (
     PROFILES,
     MaskedStack,
     assert_same_bits,
+    assert_same_info,
     assert_same_infos,
     gymnasium_env,
     gymnasium_vector_env,
@@ -78,7 +79,7 @@ def check_info(got: dict[str, Any], expected: dict[str, Any], where: str) -> Non
     assert set(got) == set(expected), where
     for name, value in got.items():
         assert type(value) is float, where
-        assert_same_bits(value, np.float64(expected[name]), f"{where}, info {name}")
+        assert_same_info(name, value, np.float64(expected[name]), f"{where}, info {name}")
 
 
 @pytest.mark.timeout(240)

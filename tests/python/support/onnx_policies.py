@@ -99,6 +99,8 @@ def _apply(operator: str, operands: list[Any], attributes: dict[str, Any]) -> li
     match operator, operands:
         case "Gemm", [x, weights, bias]:
             return [x @ (weights.T if attributes.get("transB") else weights) + bias]
+        case "MatMul", [x, weights]:
+            return [x @ weights]
         case "Relu", [x]:
             return [np.maximum(x, 0)]
         case "Tanh", [x]:
