@@ -78,7 +78,7 @@ async fn what_is_no_snapshot_is_refused_and_changes_nothing() {
         (Bytes::new(), "these 0 bytes are no snapshot"),
         (Bytes::from_static(b"PNG"), "these 3 bytes are no snapshot"),
         (changed(0), "are no snapshot"),
-        (changed(8), "version 2; this build reads version 3"),
+        (changed(8), "version 5; this build reads version 4"),
         (changed(12), "checksum"),
         (changed(good.len() - 1), "checksum"),
         (good.slice(..good.len() - 1), "checksum"),

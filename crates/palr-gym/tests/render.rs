@@ -60,7 +60,11 @@ fn a_png_is_the_picture_after_the_step_asked_for() {
 #[test]
 fn what_cannot_be_written_is_refused_before_anything_is_played() {
     for (arguments, code, expected) in [
-        (&["--env", "lane", "--out", "a.bmp"][..], 1, "expected a file ending in .png or .gif"),
+        (
+            &["--env", "lane", "--out", "a.bmp"][..],
+            1,
+            "expected a file ending in .png, .mp4 or .gif",
+        ),
         (&["--env", "lane", "--size", "12", "--out", "a.png"], 64, "expected WIDTHxHEIGHT"),
         (&["--env", "lane", "--gl", "vulkan", "--out", "a.png"], 64, "auto, osmesa, egl, none"),
         (&["--env", "lane", "--gl", "none", "--out", "a.png"], 64, "--gl auto"),
