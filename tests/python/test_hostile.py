@@ -179,10 +179,14 @@ def test_a_rollout_whose_results_nobody_reads_holds_no_place_for_ever(
         num_envs=1,
     )
     with contextlib.ExitStack() as stack, growth_within(own_server, 64 * MIB):
-        for _ in range(8):
+
+        def ask_and_never_read() -> None:
             raw = stack.enter_context(RawClient(own_server.address))
             stream = raw.call(EVALUATE)
             raw.send(stream, grpc_message(request.SerializeToString()), is_last=True)
+
+        for _ in range(8):
+            ask_and_never_read()
         others_are_served(own_server)
         # A moment passes until they have their places.
         deadline = time.monotonic() + 10
@@ -190,6 +194,8 @@ def test_a_rollout_whose_results_nobody_reads_holds_no_place_for_ever(
         def evaluate_until_refused() -> None:
             while time.monotonic() < deadline:
                 palr_gym.evaluate("hopper", "random", episodes=1, server=own_server.address)
+                # This evaluation may have had the last one's place just when it came.
+                ask_and_never_read()
 
         with pytest.raises(errors.ResourceExhausted) as caught:
             evaluate_until_refused()
