@@ -47,7 +47,12 @@ fn print_tasks(tasks: &[v1::Task]) {
             let sizes = task
                 .masks
                 .iter()
-                .map(|mask| format!("{} {}", mask_name(mask.mask), mask.indices.len()))
+                .map(|mask| match (mask_name(mask.mask), mask.indices.len()) {
+                    // Made of the picture that the agent sees.
+                    ("pixels", 0) => "pixels".to_owned(),
+                    (name, 0) => format!("{name}: features"),
+                    (name, count) => format!("{name} {count}"),
+                })
                 .collect::<Vec<_>>();
             let (random, expert) = references(task.reference_returns.as_ref());
             vec![
@@ -74,12 +79,12 @@ fn print_tasks(tasks: &[v1::Task]) {
 fn print_spec(spec: &v1::EnvironmentSpec) -> anyhow::Result<()> {
     let (random, expert) = references(spec.reference_returns.as_ref());
     println!(
-        "{}: task {}, as {}; mask {}, frame stack {}\n\
+        "{}: task {}{}; mask {}, frame stack {}\n\
          {} steps of {} s ({} physics steps of {} s); score 0 is a return of {random}, 100 of {expert}; expert: {}\n\
          info: {}; cameras: {}",
         spec.env_id,
         spec.task,
-        spec.equals,
+        if spec.equals.is_empty() { String::new() } else { format!(", as {}", spec.equals) },
         mask_name(spec.mask),
         spec.frame_stack,
         spec.max_episode_steps,
