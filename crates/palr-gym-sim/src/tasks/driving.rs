@@ -8,6 +8,8 @@ pub(super) mod weather;
 
 use std::f64::consts::{PI, TAU};
 
+use palr_gym_core::random::Generator;
+
 use crate::physics::Start;
 
 pub(super) const LANE_WIDTH_M: f64 = 3.5;
@@ -24,6 +26,16 @@ pub(super) const FRAME_STEP_S: f64 = 0.01;
 /// Physics steps in a step.
 pub(super) const FRAME_SKIP: u32 = 5;
 pub(super) const STEP_S: f64 = FRAME_STEP_S * FRAME_SKIP as f64;
+
+/// A reward is within ± this, but for an end.
+pub(super) const REWARD_BOUND: f64 = 5.0;
+/// For a collision, or for leaving what is to be kept to.
+pub(super) const END_REWARD: f64 = -100.0;
+
+const RESET_OFFSET_M: f64 = 0.2;
+pub(super) const RESET_OFFSET_BOUND_M: f64 = 0.5;
+pub(super) const RESET_HEADING_RAD: f64 = 0.035;
+const RESET_AT_REST_PROBABILITY: f64 = 0.5;
 
 /// Addresses in qpos and qvel; the tasks' tests hold them to their scenes.
 pub(super) const QPOS_STEER: usize = 7;
@@ -53,8 +65,40 @@ pub(super) fn wrap_angle(angle_rad: f64) -> f64 {
     PI - (PI - angle_rad).rem_euclid(TAU)
 }
 
+/// A point as the rear axle sees it: ahead, and to the left.
+pub(super) fn from_rear_axle(qpos: &[f64], target_m: [f64; 2]) -> [f64; 2] {
+    let (sin, cos) = yaw_rad(qpos).sin_cos();
+    let from_rear = [
+        target_m[0] - (qpos[0] - WHEELBASE_M / 2.0 * cos),
+        target_m[1] - (qpos[1] - WHEELBASE_M / 2.0 * sin),
+    ];
+    [from_rear[0] * cos + from_rear[1] * sin, from_rear[1] * cos - from_rear[0] * sin]
+}
+
+/// The car's velocity along a direction, and across it to the left.
+pub(super) fn along_and_across(qvel: &[f64], [along_x, along_y]: [f64; 2]) -> [f64; 2] {
+    [qvel[0] * along_x + qvel[1] * along_y, qvel[1] * along_x - qvel[0] * along_y]
+}
+
+/// Begins an episode a little aside and askew of where `place` says, given how far aside to the left;
+/// at rest, or on its way. Tells where the car is and how fast.
+pub(super) fn draw_car(
+    generator: &mut Generator,
+    place: impl FnOnce(f64) -> Place,
+    start: &mut Start,
+) -> (Place, f64) {
+    let aside_m = (RESET_OFFSET_M * generator.standard_normal())
+        .clamp(-RESET_OFFSET_BOUND_M, RESET_OFFSET_BOUND_M);
+    let Place { position_m, heading_rad } = place(aside_m);
+    let heading_rad = heading_rad + RESET_HEADING_RAD * generator.standard_normal();
+    let is_at_rest = generator.next_f64() < RESET_AT_REST_PROBABILITY;
+    let speed_mps = generator.uniform(0.0, CRUISE_SPEED_MPS) * f64::from(u8::from(!is_at_rest));
+    place_car(position_m, heading_rad, speed_mps, start);
+    (Place { position_m, heading_rad }, speed_mps)
+}
+
 /// Puts the car there, with its wheels rolling.
-pub(super) fn place_car(position_m: [f64; 2], heading_rad: f64, speed_mps: f64, start: &mut Start) {
+fn place_car(position_m: [f64; 2], heading_rad: f64, speed_mps: f64, start: &mut Start) {
     start.qpos[..2].copy_from_slice(&position_m);
     // The scene's own height is where the car is drawn; its springs carry it from the ground.
     start.qpos[2] = 0.0;

@@ -14,9 +14,9 @@ use palr_gym_core::{Fidelity, ReferenceReturns, SceneOption, SceneOptions, TaskS
 use self::state::{LeadCar, State};
 use self::track::TRACK;
 use super::driving::{
-    CRUISE_SPEED_MPS, FRAME_SKIP, FRAME_STEP_S, LANE_WIDTH_M, Place, QPOS_STEER, QVEL_YAW, STEP_S,
-    TWO_HALF_LENGTHS_M, WHEELBASE_M, place_car, quaternion, steer_and_pedal, weather, wrap_angle,
-    yaw_rad,
+    CRUISE_SPEED_MPS, END_REWARD, FRAME_SKIP, FRAME_STEP_S, LANE_WIDTH_M, Place, QPOS_STEER,
+    QVEL_YAW, REWARD_BOUND, STEP_S, TWO_HALF_LENGTHS_M, along_and_across, draw_car, from_rear_axle,
+    quaternion, steer_and_pedal, weather, wrap_angle, yaw_rad,
 };
 use super::{Outcome, Task};
 use crate::physics::{Physics, Scene, Start};
@@ -25,17 +25,9 @@ use crate::render::Weather;
 /// The right lane's middle.
 const LANE_OFFSET_M: f64 = -LANE_WIDTH_M / 2.0;
 
-/// The reward is within ± this, but for an end.
-const REWARD_BOUND: f64 = 5.0;
 const ACROSS_WEIGHT: f64 = 5.0;
-const END_REWARD: f64 = -100.0;
 /// Further from the lane's middle the car has left it.
 const LANE_KEPT_M: f64 = 2.0;
-
-const RESET_OFFSET_M: f64 = 0.2;
-const RESET_OFFSET_BOUND_M: f64 = 0.5;
-const RESET_HEADING_RAD: f64 = 0.035;
-const RESET_AT_REST_PROBABILITY: f64 = 0.5;
 
 const LEAD_START_M: (f64, f64) = (12.0, 30.0);
 const LEAD_TARGETS_MPS: [f64; 4] = [0.0, 2.0, 4.0, 5.5];
@@ -127,15 +119,10 @@ impl View {
         let position_m = [qpos[0], qpos[1]];
         let seen = TRACK.project(position_m, state.progress_m);
         let [along_x, along_y] = seen.tangent;
-        let yaw_rad = yaw_rad(qpos);
+        let [velocity_along_mps, velocity_across_mps] = along_and_across(qvel, seen.tangent);
         let speed_mps = qvel[0].hypot(qvel[1]);
         let reach_m = LOOK_AHEAD_M + LOOK_AHEAD_S * speed_mps;
         let target_m = TRACK.place(seen.progress_m + reach_m, LANE_OFFSET_M).position_m;
-        let (sin, cos) = yaw_rad.sin_cos();
-        let from_rear = [
-            target_m[0] - (position_m[0] - WHEELBASE_M / 2.0 * cos),
-            target_m[1] - (position_m[1] - WHEELBASE_M / 2.0 * sin),
-        ];
         let lead = state.lead.and_then(|lead| {
             let gap_m = TRACK.gap_m(lead.progress_m, seen.progress_m) - TWO_HALF_LENGTHS_M;
             (gap_m > LEAD_PASSED_M && gap_m < NO_LEAD_GAP_M).then_some((gap_m, lead.speed_mps))
@@ -144,16 +131,13 @@ impl View {
         Self {
             progress_m: seen.progress_m,
             lateral_error_m: seen.offset_m - LANE_OFFSET_M,
-            heading_error_rad: wrap_angle(yaw_rad - along_y.atan2(along_x)),
-            velocity_along_mps: qvel[0] * along_x + qvel[1] * along_y,
-            velocity_across_mps: qvel[1] * along_x - qvel[0] * along_y,
+            heading_error_rad: wrap_angle(yaw_rad(qpos) - along_y.atan2(along_x)),
+            velocity_along_mps,
+            velocity_across_mps,
             yaw_rate_rad_per_s: qvel[QVEL_YAW],
             steering_rad: qpos[QPOS_STEER],
             curvature_per_m: seen.curvature_per_m,
-            look_ahead_m: [
-                from_rear[0] * cos + from_rear[1] * sin,
-                from_rear[1] * cos - from_rear[0] * sin,
-            ],
+            look_ahead_m: from_rear_axle(qpos, target_m),
             lead_gap_m,
             lead_speed_mps,
         }
@@ -229,13 +213,8 @@ impl Task for Lane {
 
     fn perturb(&self, generator: &mut Generator, options: &SceneOptions, start: &mut Start) {
         let progress_m = generator.uniform(0.0, TRACK.length_m());
-        let aside_m = (RESET_OFFSET_M * generator.standard_normal())
-            .clamp(-RESET_OFFSET_BOUND_M, RESET_OFFSET_BOUND_M);
-        let Place { position_m, heading_rad } = TRACK.place(progress_m, LANE_OFFSET_M + aside_m);
-        let heading_rad = heading_rad + RESET_HEADING_RAD * generator.standard_normal();
-        let is_at_rest = generator.next_f64() < RESET_AT_REST_PROBABILITY;
-        let speed_mps = generator.uniform(0.0, CRUISE_SPEED_MPS) * f64::from(u8::from(!is_at_rest));
-        place_car(position_m, heading_rad, speed_mps, start);
+        let place = |aside_m| TRACK.place(progress_m, LANE_OFFSET_M + aside_m);
+        draw_car(generator, place, start);
         // Drawn whether used or not, so that a seed means the same start with and without one.
         let is_led = generator.next_f64() < options.lead_car_probability;
         let lead = LeadCar {

@@ -29,8 +29,9 @@ use self::route::{Leg, Route, STREET_M};
 use self::state::State;
 use self::traffic::{Car, Vehicle};
 use super::driving::{
-    CAR_HALF_LENGTH_M, CRUISE_SPEED_MPS, FRAME_SKIP, FRAME_STEP_S, Place, QPOS_STEER, QVEL_YAW,
-    WHEELBASE_M, place_car, quaternion, steer_and_pedal, weather, wrap_angle, yaw_rad,
+    CAR_HALF_LENGTH_M, END_REWARD, FRAME_SKIP, FRAME_STEP_S, Place, QPOS_STEER, QVEL_YAW,
+    REWARD_BOUND, along_and_across, draw_car, from_rear_axle, quaternion, steer_and_pedal, weather,
+    wrap_angle, yaw_rad,
 };
 use super::{Outcome, Task};
 use crate::physics::{Physics, Scene, Start};
@@ -41,16 +42,9 @@ const BLOCK_M: f64 = 44.0;
 /// From the middle of a junction to where its streets begin.
 const JUNCTION_M: f64 = 8.0;
 
-/// The reward is within ± this, but for an end.
-const REWARD_BOUND: f64 = 5.0;
-const END_REWARD: f64 = -100.0;
 /// Further aside than this the car is not on its route, and earns nothing.
 const ROUTE_KEPT_M: f64 = 2.5;
 
-const RESET_OFFSET_M: f64 = 0.2;
-const RESET_OFFSET_BOUND_M: f64 = 0.5;
-const RESET_HEADING_RAD: f64 = 0.035;
-const RESET_AT_REST_PROBABILITY: f64 = 0.5;
 /// Where on a street an episode starts.
 const RESET_START_M: (f64, f64) = (2.0, STREET_M - 8.0);
 
@@ -176,14 +170,9 @@ impl View {
         let position_m = [qpos[0], qpos[1]];
         let seen = route.project(position_m, state.progress_m);
         let (along_y, along_x) = seen.heading_rad.sin_cos();
-        let yaw_rad = yaw_rad(qpos);
+        let [velocity_along_mps, velocity_across_mps] = along_and_across(qvel, [along_x, along_y]);
         let reach_m = LOOK_AHEAD_M + LOOK_AHEAD_S * qvel[0].hypot(qvel[1]);
         let target_m = route.place(seen.progress_m + reach_m, 0.0).position_m;
-        let (sin, cos) = yaw_rad.sin_cos();
-        let from_rear = [
-            target_m[0] - (position_m[0] - WHEELBASE_M / 2.0 * cos),
-            target_m[1] - (position_m[1] - WHEELBASE_M / 2.0 * sin),
-        ];
         let ahead = state
             .traffic()
             .iter()
@@ -201,17 +190,14 @@ impl View {
         Self {
             distance_to_goal_m: route.goal_m() - seen.progress_m,
             lateral_error_m: seen.offset_m,
-            heading_error_rad: wrap_angle(yaw_rad - seen.heading_rad),
-            velocity_along_mps: qvel[0] * along_x + qvel[1] * along_y,
-            velocity_across_mps: qvel[1] * along_x - qvel[0] * along_y,
+            heading_error_rad: wrap_angle(yaw_rad(qpos) - seen.heading_rad),
+            velocity_along_mps,
+            velocity_across_mps,
             yaw_rate_rad_per_s: qvel[QVEL_YAW],
             steering_rad: qpos[QPOS_STEER],
             curvature_per_m: seen.curvature_per_m,
             turn_distance_m: route.turn_distance_m(seen.progress_m),
-            look_ahead_m: [
-                from_rear[0] * cos + from_rear[1] * sin,
-                from_rear[1] * cos - from_rear[0] * sin,
-            ],
+            look_ahead_m: from_rear_axle(qpos, target_m),
             gap_ahead_m,
             speed_ahead_mps,
             stop_gap_m: if must_wait { entry_m } else { NOTHING_AHEAD_M },
@@ -294,14 +280,9 @@ impl Task for Town {
         let map = Map::draw(generator);
         let (from, heading) = traffic::draw_way(&map, generator);
         let progress_m = generator.uniform(RESET_START_M.0, RESET_START_M.1);
-        let aside_m = (RESET_OFFSET_M * generator.standard_normal())
-            .clamp(-RESET_OFFSET_BOUND_M, RESET_OFFSET_BOUND_M);
         let leg = Leg { from, heading, out: heading };
-        let Place { position_m, heading_rad } = leg.place(progress_m, aside_m);
-        let heading_rad = heading_rad + RESET_HEADING_RAD * generator.standard_normal();
-        let is_at_rest = generator.next_f64() < RESET_AT_REST_PROBABILITY;
-        let speed_mps = generator.uniform(0.0, CRUISE_SPEED_MPS) * f64::from(u8::from(!is_at_rest));
-        place_car(position_m, heading_rad, speed_mps, start);
+        let place = |aside_m| leg.place(progress_m, aside_m);
+        let (Place { position_m, heading_rad }, speed_mps) = draw_car(generator, place, start);
         let route = Route::draw(&map, from, heading, generator);
         let car = Car { position_m, heading_rad, speed_mps, leg, along_m: progress_m };
         let vehicles = traffic::draw(&map, &car, generator);

@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use mujoco_rs::prelude::MjtObjBase;
 
-use super::super::driving::QVEL_ROLL;
+use super::super::driving::{CRUISE_SPEED_MPS, QVEL_ROLL, RESET_HEADING_RAD, RESET_OFFSET_BOUND_M};
 use super::*;
 use crate::env::Env;
 use crate::tasks::resolve_scene;
