@@ -167,9 +167,6 @@ class Session:
         self.num_envs: int = response.num_envs
         self.idle_limit_s: int = response.idle_limit_s
         self._connection = connection
-        self._observation_dtype = np.dtype(self.spec.observation_space.dtype or np.float64)
-        self._observations_shape = (self.num_envs, *self.spec.observation_space.shape)
-        self._actions_shape = (self.num_envs, *self.spec.action_space.shape)
         self._shapes = Shapes.of(self.spec, self.num_envs)
         self._subject = f"{self.num_envs} environment(s) of {self.spec.env_id}"
         self._exchange = Exchange(connection, self._subject)
@@ -212,7 +209,9 @@ class Session:
         answer = self._exchange.receive("resetting").reset
         shape = (self.num_envs, len(self.spec.reset_info_names))
         return ResetResult(
-            to_array(answer.observations, self._observation_dtype, self._observations_shape),
+            to_array(
+                answer.observations, self._shapes.observation_dtype, self._shapes.observations
+            ),
             columns(answer.info.data, FLOAT64, shape),
         )
 
@@ -245,13 +244,7 @@ class Session:
             PalrGymError: As by `step`; if the server refused, no step was taken.
         """
         self._refuse_if_under_way("stepping")
-        array = float32_actions(actions, self._shapes, self._subject)
-        if array.ndim != 3 or array.shape[1:] != self._actions_shape:
-            raise InvalidArgument(
-                f"stepping {self._subject} in an open loop: the actions have shape "
-                f"{list(array.shape)}; expected [K, {', '.join(map(str, self._actions_shape))}]",
-                reason="ACTION_SHAPE",
-            )
+        array = open_loop_actions(actions, self._shapes, self._subject)
         request = StepRequest(session_id=self.session_id, actions=float32_tensor(array))
         if array.nbytes >= MAX_STREAMED_BYTES:
             # A stream would end over a request that is too large; a call is only refused.
@@ -344,9 +337,9 @@ class Session:
         Fields are written in the order of their numbers, and the elements come last of all, so
         that a request is this head and the array's bytes.
         """
-        data = bytes(int(np.prod(self._actions_shape)) * FLOAT32.itemsize)
+        data = bytes(int(np.prod(self._shapes.actions)) * FLOAT32.itemsize)
         actions = tensor_pb2.Tensor(
-            dtype=tensor_pb2.DATA_TYPE_FLOAT32, shape=self._actions_shape, data=data
+            dtype=tensor_pb2.DATA_TYPE_FLOAT32, shape=self._shapes.actions, data=data
         )
         step = StepRequest(session_id=self.session_id, actions=actions)
         request = StepStreamRequest(step=step).SerializeToString()
@@ -358,7 +351,7 @@ class Session:
 
     def _step_request(self, actions: ArrayLike) -> bytes:
         array = float32_actions(actions, self._shapes, self._subject)
-        if array.shape == self._actions_shape:
+        if array.shape == self._shapes.actions:
             return self._step_head + array.tobytes()
         # The server says what is wrong. By another way: a stream would end over a request that is
         # too large.
@@ -369,7 +362,7 @@ class Session:
         )
         raise ServerError(
             f"stepping {self._subject}: the server took actions of shape {list(array.shape)}; "
-            f"expected {list(self._actions_shape)}"
+            f"expected {list(self._shapes.actions)}"
         )
 
     def _step_result(self, message: StepResponse, steps: int | None = None) -> StepResult:
@@ -408,6 +401,22 @@ def float32_actions(actions: ArrayLike, shapes: Shapes, subject: str) -> NDArray
             f"stepping {subject}: the actions are no array of numbers of shape "
             f"{list(shapes.actions)} ({error})"
         ) from None
+
+
+def open_loop_actions(actions: ArrayLike, shapes: Shapes, subject: str) -> NDArray[np.float32]:
+    """`actions` as an array [K, N, action size].
+
+    Raises:
+        InvalidArgument: They are none.
+    """
+    array = float32_actions(actions, shapes, subject)
+    if array.ndim != 3 or array.shape[1:] != shapes.actions:
+        raise InvalidArgument(
+            f"stepping {subject} in an open loop: the actions have shape "
+            f"{list(array.shape)}; expected [K, {', '.join(map(str, shapes.actions))}]",
+            reason="ACTION_SHAPE",
+        )
+    return array
 
 
 def open_session_request(

@@ -33,7 +33,12 @@ from palr_gym.connection import (
 )
 from palr_gym.rendering import Picture, pictures, render_request
 from palr_gym.results import RestoredState, Shapes, StepResult, restored_state, step_result
-from palr_gym.session import MAX_STREAMED_BYTES, float32_actions, reset_request
+from palr_gym.session import (
+    MAX_STREAMED_BYTES,
+    float32_actions,
+    open_loop_actions,
+    reset_request,
+)
 from palr_gym.tensors import float32_tensor, to_array
 
 if TYPE_CHECKING:
@@ -98,12 +103,7 @@ class Session:
 
     async def step_open_loop(self, actions: ArrayLike) -> StepResult:
         """Takes K steps in one message. Arguments and result as of `Session.step_open_loop`."""
-        array = float32_actions(actions, self._shapes, self._subject)
-        if array.ndim != 3 or array.shape[1:] != self._shapes.actions:
-            raise errors.InvalidArgument(
-                f"stepping {self._subject} in an open loop: the actions have shape "
-                f"{list(array.shape)}; expected [K, {', '.join(map(str, self._shapes.actions))}]"
-            )
+        array = open_loop_actions(actions, self._shapes, self._subject)
         answer = await self._step(array)
         return step_result(answer.step, self._shapes, answer.step.rewards.shape[0])
 
