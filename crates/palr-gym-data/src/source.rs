@@ -12,6 +12,7 @@ use crate::d4rl::Metadata;
 use crate::error::DataError;
 use crate::minari::MinariSource;
 use crate::read::{env_id, open, unreadable};
+use crate::recording::episodes;
 use crate::transitions::Episode;
 
 /// Sizes of a recording.
@@ -152,14 +153,7 @@ impl D4rlSource {
         if transitions == 0 {
             return Err(DataError::NoTransitions { path: path.into() });
         }
-        let mut episodes = Vec::new();
-        let mut start = 0;
-        for row in 0..transitions {
-            if terminals[row] || timeouts[row] || row + 1 == transitions {
-                episodes.push(start..row + 1);
-                start = row + 1;
-            }
-        }
+        let (episodes, ..) = episodes(&terminals, &timeouts);
         let optional =
             |name: &str| file.link_exists(name).then(|| file.dataset(name).ok()).flatten();
         let has_infos = file.link_exists("infos");
