@@ -11,6 +11,10 @@ use palr_gym_trainer::expert::{CriticKind, ExpertSettings};
 use palr_gym_trainer::learning::noise::Normals;
 use serde::Serialize;
 
+/// What `palr-gym` allocates with.
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
+
 /// Sizes of halfcheetah.
 const OBSERVATION_SIZE: usize = 17;
 const ACTION_SIZE: usize = 6;

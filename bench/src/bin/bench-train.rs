@@ -12,6 +12,10 @@ use palr_gym_trainer::learning::{LockstepRun, TrainConfig, TrainingSet, train_lo
 use serde::Serialize;
 use serde_json::json;
 
+/// What `palr-gym` allocates with.
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
+
 const ROWS: usize = 30_000;
 const EPISODE_ROWS: usize = 1000;
 
