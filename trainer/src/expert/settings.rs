@@ -13,6 +13,9 @@ pub struct ExpertSettings {
     pub env: String,
     /// How the critics estimate returns.
     pub critic: CriticKind,
+    /// Whether the critics' hidden layers are normalised (Ba et al. 2016), which steadies their values.
+    #[serde(default)]
+    pub critic_norm: bool,
     /// Transitions to collect in all.
     pub steps: u64,
     /// Of everything that is random.
@@ -74,6 +77,7 @@ impl Default for ExpertSettings {
         Self {
             env: "hopper".into(),
             critic: CriticKind::Tqc,
+            critic_norm: false,
             steps: 8_000_000,
             seed: 0,
             num_envs: 16,
