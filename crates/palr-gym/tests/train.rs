@@ -350,6 +350,17 @@ fn a_grid_makes_a_run_of_each_combination_with_the_bits_that_it_would_have_alone
 }
 
 #[test]
+fn more_runs_than_a_server_evaluates_at_once_take_turns() {
+    let folder = tempfile::tempdir().unwrap();
+    record(folder.path());
+    let many = ["--seeds", "0..11", "--evaluate-every", "30", "--episodes", "2"];
+    let reports = succeed(folder.path(), &[TRAIN, &many].concat());
+    let reports = reports.as_array().unwrap();
+    assert_eq!(reports.len(), 12);
+    assert!(reports.iter().all(|run| run["evaluation"]["step"] == 30), "{reports:?}");
+}
+
+#[test]
 fn alpha_auto_names_a_value_by_held_out_rows_alone() {
     let folder = tempfile::tempdir().unwrap();
     record(folder.path());

@@ -1,6 +1,6 @@
 //! Soft actor-critic: the networks and their update.
 
-use pulp::Arch;
+use pulp::{Arch, Simd};
 
 use crate::expert::actor::{self, Drawn};
 use crate::expert::critic::{self, CriticKind, Returns};
@@ -276,14 +276,24 @@ impl Agent {
 
         let polyak = self.rule.polyak;
         for (slow, network) in self.targets.iter_mut().zip(&self.critics) {
-            Arch::new().dispatch(|| {
-                for (slow, parameter) in slow.iter_mut().zip(&network.parameters) {
-                    *slow += polyak * (parameter - *slow);
-                }
-            });
+            follow(slow, &network.parameters, polyak);
         }
         self.updates = step;
         Ok(losses)
+    }
+}
+
+/// Moves each of `slow` by the share `polyak` of its way to `parameters`.
+#[pulp::with_simd(follow = Arch::new())]
+#[inline(always)]
+fn follow_with_simd<'a, S: Simd>(
+    _simd: S,
+    slow: &'a mut [f32],
+    parameters: &'a [f32],
+    polyak: f32,
+) {
+    for (slow, parameter) in slow.iter_mut().zip(parameters) {
+        *slow += polyak * (parameter - *slow);
     }
 }
 

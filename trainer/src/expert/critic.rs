@@ -1,6 +1,6 @@
 //! What the critics learn from: targets, and the gradients of their losses.
 
-use pulp::Arch;
+use pulp::{Arch, Simd};
 use serde::{Deserialize, Serialize};
 
 use crate::learning::network::LayerShape;
@@ -106,30 +106,41 @@ pub fn quantile_loss(
     // Of a row, so that the inner loop runs along arrays.
     let mut losses = vec![0.0_f32; quantiles];
     let mut total = 0.0;
-    Arch::new().dispatch(|| {
-        let rows = values.chunks_exact(quantiles).zip(gradient.chunks_exact_mut(quantiles));
-        for ((values, gradient), targets) in rows.zip(targets.chunks_exact(targets_per_row)) {
-            gradient.fill(0.0);
-            losses.fill(0.0);
-            for &target in targets {
-                let outputs = values.iter().zip(&levels);
-                for ((value, level), (slope, loss)) in
-                    outputs.zip(gradient.iter_mut().zip(losses.iter_mut()))
-                {
-                    let error = target - value;
-                    let weight = if error < 0.0 { 1.0 - level } else { *level };
-                    let bounded = error.clamp(-1.0, 1.0);
-                    *slope -= weight * bounded;
-                    *loss += weight * bounded * (error - 0.5 * bounded);
-                }
-            }
-            for slope in gradient.iter_mut() {
-                *slope *= share;
-            }
-            total += losses.iter().map(|&loss| f64::from(loss)).sum::<f64>();
+    let rows = values.chunks_exact(quantiles).zip(gradient.chunks_exact_mut(quantiles));
+    for ((values, gradient), targets) in rows.zip(targets.chunks_exact(targets_per_row)) {
+        quantile_slopes(values, &levels, targets, gradient, &mut losses);
+        for slope in gradient.iter_mut() {
+            *slope *= share;
         }
-    });
+        total += losses.iter().map(|&loss| f64::from(loss)).sum::<f64>();
+    }
     total * f64::from(share)
+}
+
+/// Of a row: the sums over its `targets` of each quantile's loss and of its slope.
+#[pulp::with_simd(quantile_slopes = Arch::new())]
+#[inline(always)]
+fn quantile_slopes_with_simd<'a, S: Simd>(
+    _simd: S,
+    values: &'a [f32],
+    levels: &'a [f32],
+    targets: &'a [f32],
+    slopes: &'a mut [f32],
+    losses: &'a mut [f32],
+) {
+    slopes.fill(0.0);
+    losses.fill(0.0);
+    for &target in targets {
+        let outputs = values.iter().zip(levels);
+        for ((value, level), (slope, loss)) in outputs.zip(slopes.iter_mut().zip(losses.iter_mut()))
+        {
+            let error = target - value;
+            let weight = if error < 0.0 { 1.0 - level } else { *level };
+            let bounded = error.clamp(-1.0, 1.0);
+            *slope -= weight * bounded;
+            *loss += weight * bounded * (error - 0.5 * bounded);
+        }
+    }
 }
 
 /// The mean of a critic's values of each row and critic, as the actor sees it, and its gradients by

@@ -5,7 +5,7 @@
 
 use faer::linalg::matmul::matmul;
 use faer::{Accum, MatMut, MatRef, Par};
-use pulp::Arch;
+use pulp::{Arch, Simd};
 
 use crate::learning::network::LayerShape;
 
@@ -91,25 +91,60 @@ pub fn forward(
         );
         let after = (at + 1 < layers.len()).then_some(hidden);
         let (normalized, inverses) = (&mut tape.normalized[at], &mut tape.inverse_deviations[at]);
-        Arch::new().dispatch(|| {
-            for row in output.chunks_exact_mut(layer.outputs) {
-                for (value, bias) in row.iter_mut().zip(bias) {
-                    *value += bias;
-                }
-            }
-            if after == Some(Hidden::NormRelu) {
-                inverses.clear();
-                inverses.extend(output.chunks_exact_mut(layer.outputs).map(|row| normalize(row)));
-                normalized.clear();
-                normalized.extend_from_slice(output);
-            }
-            if after.is_some() {
-                for value in output.iter_mut() {
-                    *value = value.max(0.0);
-                }
-            }
-        });
+        activate(output, bias, after, normalized, inverses);
         start += layer.len();
+    }
+}
+
+/// Adds the bias to each row of a layer's output and does what comes after.
+#[pulp::with_simd(activate = Arch::new())]
+#[inline(always)]
+fn activate_with_simd<'a, S: Simd>(
+    _simd: S,
+    output: &'a mut [f32],
+    bias: &'a [f32],
+    after: Option<Hidden>,
+    normalized: &'a mut Vec<f32>,
+    inverses: &'a mut Vec<f32>,
+) {
+    for row in output.chunks_exact_mut(bias.len()) {
+        for (value, bias) in row.iter_mut().zip(bias) {
+            *value += bias;
+        }
+    }
+    if after == Some(Hidden::NormRelu) {
+        inverses.clear();
+        for row in output.chunks_exact_mut(bias.len()) {
+            inverses.push(normalize(row));
+        }
+        normalized.clear();
+        normalized.extend_from_slice(output);
+    }
+    if after.is_some() {
+        for value in output.iter_mut() {
+            *value = value.max(0.0);
+        }
+    }
+}
+
+/// The sum of the rows of `gradient`.
+#[pulp::with_simd(sum_rows = Arch::new())]
+#[inline(always)]
+fn sum_rows_with_simd<'a, S: Simd>(_simd: S, gradient: &'a [f32], sums: &'a mut [f32]) {
+    sums.fill(0.0);
+    for row in gradient.chunks_exact(sums.len()) {
+        for (sum, value) in sums.iter_mut().zip(row) {
+            *sum += value;
+        }
+    }
+}
+
+/// The way back of ReLU.
+#[pulp::with_simd(relu_backward = Arch::new())]
+#[inline(always)]
+fn relu_backward_with_simd<'a, S: Simd>(_simd: S, gradient: &'a mut [f32], output: &'a [f32]) {
+    for (value, output) in gradient.iter_mut().zip(output) {
+        *value = if *output > 0.0 { *value } else { 0.0 };
     }
 }
 
@@ -127,8 +162,14 @@ fn normalize(row: &mut [f32]) -> f32 {
 }
 
 /// The way back of [`normalize`]: `gradient` by its result becomes that by its argument.
+#[pulp::with_simd(normalize_backward = Arch::new())]
 #[inline(always)]
-fn normalize_backward(gradient: &mut [f32], normalized: &[f32], inverse: f32) {
+fn normalize_backward_with_simd<'a, S: Simd>(
+    _simd: S,
+    gradient: &'a mut [f32],
+    normalized: &'a [f32],
+    inverse: f32,
+) {
     let n = gradient.len() as f32;
     let mean = sum(gradient.iter().copied()) / n;
     let along = sum(gradient.iter().zip(normalized).map(|(slope, value)| slope * value)) / n;
@@ -180,14 +221,7 @@ pub fn backward(
                 1.0,
                 Par::Seq,
             );
-            bias.fill(0.0);
-            Arch::new().dispatch(|| {
-                for row in gradient.chunks_exact(layer.outputs) {
-                    for (sum, value) in bias.iter_mut().zip(row) {
-                        *sum += value;
-                    }
-                }
-            });
+            sum_rows(gradient, bias);
         }
         if at == 0 && matches!(wanted, Wanted::Parameters(_)) {
             return;
@@ -203,19 +237,15 @@ pub fn backward(
             Par::Seq,
         );
         if at > 0 {
-            Arch::new().dispatch(|| {
-                for (value, output) in next_gradient.iter_mut().zip(&outputs[at - 1]) {
-                    *value = if *output > 0.0 { *value } else { 0.0 };
+            relu_backward(next_gradient, &outputs[at - 1]);
+            if tape.hidden == Hidden::NormRelu {
+                let rows = next_gradient.chunks_exact_mut(layer.inputs);
+                let of_rows = normalized[at - 1].chunks_exact(layer.inputs);
+                let inverses = &inverse_deviations[at - 1];
+                for ((row, normalized), inverse) in rows.zip(of_rows).zip(inverses) {
+                    normalize_backward(row, normalized, *inverse);
                 }
-                if tape.hidden == Hidden::NormRelu {
-                    let rows = next_gradient.chunks_exact_mut(layer.inputs);
-                    let of_rows = normalized[at - 1].chunks_exact(layer.inputs);
-                    let inverses = &inverse_deviations[at - 1];
-                    for ((row, normalized), inverse) in rows.zip(of_rows).zip(inverses) {
-                        normalize_backward(row, normalized, *inverse);
-                    }
-                }
-            });
+            }
         }
         std::mem::swap(gradient, next_gradient);
         end = start;

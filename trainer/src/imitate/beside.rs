@@ -5,10 +5,14 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Duration;
 
 use palr_gym_core::ActionMode;
+use tokio::sync::Semaphore;
 use tokio::sync::mpsc::{Receiver, Sender, UnboundedSender, channel};
 use tokio::task::JoinHandle;
+use tokio::time::sleep;
 
 use crate::client::Client;
 use crate::error::ClientError;
@@ -23,6 +27,22 @@ use crate::policy::PolicySource;
 const PENDING: &str = "pending";
 /// Policies that may wait; then training waits for the server.
 const QUEUE: usize = 4;
+/// Until a server that is busy with others' evaluations is asked again.
+const BUSY: Duration = Duration::from_secs(1);
+/// The server's reason for that.
+const BUSY_REASON: &str = "TOO_MANY_ROLLOUTS";
+
+/// How many evaluations of runs that train together are under way at once: more would only share
+/// the same processors, and a server allows few.
+#[derive(Debug, Clone)]
+pub struct Turns(Arc<Semaphore>);
+
+impl Default for Turns {
+    fn default() -> Self {
+        const AT_ONCE: usize = 2;
+        Self(Arc::new(Semaphore::new(AT_ONCE)))
+    }
+}
 
 /// The evaluations of a run.
 pub struct Beside {
@@ -40,6 +60,7 @@ impl Beside {
         client: Client,
         settings: &Settings,
         folder: &Path,
+        turns: Turns,
         events: UnboundedSender<Event>,
     ) -> Result<Self, ClientError> {
         let pending = folder.join(PENDING);
@@ -56,7 +77,7 @@ impl Beside {
             num_envs: None,
             scene_options: None,
         };
-        let worker = Worker { client, options, recorder, events, pending: pending.clone() };
+        let worker = Worker { client, options, recorder, turns, events, pending: pending.clone() };
         let worker = tokio::spawn(worker.work(left, jobs));
         Ok(Self { pending, queue, worker })
     }
@@ -96,6 +117,7 @@ struct Worker {
     client: Client,
     options: EvaluateOptions,
     recorder: EvaluationRecorder,
+    turns: Turns,
     events: UnboundedSender<Event>,
     pending: PathBuf,
 }
@@ -125,7 +147,20 @@ impl Worker {
                 policy: PolicySource::File(path.clone()),
                 ..self.options.clone()
             };
-            let evaluation = evaluate(&self.client, &options, |_| ()).await?;
+            let evaluation = {
+                // It is never closed.
+                let _turn = self.turns.0.acquire().await.ok();
+                loop {
+                    match evaluate(&self.client, &options, |_| ()).await {
+                        Err(ClientError::Status { reason, .. })
+                            if reason.as_deref() == Some(BUSY_REASON) =>
+                        {
+                            sleep(BUSY).await;
+                        }
+                        evaluation => break evaluation?,
+                    }
+                }
+            };
             let record = EvaluationRecord::new(step, &evaluation);
             self.recorder.put(record.clone())?;
             // Nobody may be watching.

@@ -8,7 +8,7 @@ use tokio::sync::mpsc::UnboundedSender;
 
 use crate::client::Client;
 use crate::error::ClientError;
-use crate::imitate::beside::Beside;
+use crate::imitate::beside::{Beside, Turns};
 use crate::imitate::records::{Metrics, Recorder};
 use crate::imitate::settings::Settings;
 use crate::imitate::{Event, Imitation, Outcome, recorded_steps};
@@ -28,6 +28,7 @@ pub async fn run_together(
     events: Vec<UnboundedSender<Event>>,
 ) -> Result<Vec<Outcome>, ClientError> {
     let mut witnesses = Vec::with_capacity(runs.len());
+    let turns = Turns::default();
     for (imitation, events) in runs.iter().zip(events) {
         let folder = imitation.run.folder();
         let kept = match imitation.is_resumed {
@@ -35,7 +36,8 @@ pub async fn run_together(
             false => None,
         };
         let recorder = Recorder::open(folder, kept)?;
-        let beside = Beside::start(client.clone(), &imitation.settings, folder, events.clone())?;
+        let (client, settings) = (client.clone(), &imitation.settings);
+        let beside = Beside::start(client, settings, folder, turns.clone(), events.clone())?;
         witnesses.push(Witness { recorder, beside, events, last: None });
     }
     let training = tokio::task::spawn_blocking(move || {

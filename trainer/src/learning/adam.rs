@@ -1,6 +1,6 @@
 //! Adam, on the flat vector of parameters.
 
-use pulp::Arch;
+use pulp::{Arch, Simd};
 
 /// Decay of the first moment (torch's default).
 const BETA_1: f32 = 0.9;
@@ -37,16 +37,29 @@ impl Adam {
         let correction = |beta: f32| 1.0 - f64::from(beta).powf(self.step as f64);
         let rate = (learning_rate / correction(BETA_1)) as f32;
         let root = (1.0 / correction(BETA_2).sqrt()) as f32;
-        let moments = self.first_moment.iter_mut().zip(&mut self.second_moment);
-        let all = parameters.iter_mut().zip(gradient).zip(moments);
-        // Wider vectors change no bit: each number is computed as before.
-        Arch::new().dispatch(|| {
-            for ((parameter, gradient), (first, second)) in all {
-                *first = BETA_1 * *first + (1.0 - BETA_1) * gradient;
-                *second = BETA_2 * *second + (1.0 - BETA_2) * gradient * gradient;
-                *parameter -= rate * *first / (second.sqrt() * root + EPSILON);
-            }
-        });
+        let moments = [&mut self.first_moment[..], &mut self.second_moment[..]];
+        descend(parameters, gradient, moments, rate, root);
+    }
+}
+
+/// Wider vectors change no bit: each number is computed as before.
+#[pulp::with_simd(descend = Arch::new())]
+#[inline(always)]
+fn descend_with_simd<'a, S: Simd>(
+    _simd: S,
+    parameters: &'a mut [f32],
+    gradient: &'a [f32],
+    moments: [&'a mut [f32]; 2],
+    rate: f32,
+    root: f32,
+) {
+    let [first, second] = moments;
+    let moments = first.iter_mut().zip(second);
+    for ((parameter, gradient), (first, second)) in parameters.iter_mut().zip(gradient).zip(moments)
+    {
+        *first = BETA_1 * *first + (1.0 - BETA_1) * gradient;
+        *second = BETA_2 * *second + (1.0 - BETA_2) * gradient * gradient;
+        *parameter -= rate * *first / (second.sqrt() * root + EPSILON);
     }
 }
 

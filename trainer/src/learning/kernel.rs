@@ -6,7 +6,7 @@
 
 use faer::linalg::matmul::matmul;
 use faer::{Accum, MatMut, MatRef, Par};
-use pulp::Arch;
+use pulp::{Arch, Simd};
 
 use crate::learning::weights::WeightMatrix;
 
@@ -39,13 +39,13 @@ pub fn hscic_gradient(
 ) -> HscicGradient {
     let n = weights.n();
     assert_eq!(representation.len(), n * d, "expected {n} rows of {d}");
-    let arch = Arch::new();
     let norms: Vec<f32> =
         representation.chunks_exact(d).map(|row| row.iter().map(|x| x * x).sum()).collect();
     // G φ and G 1, both without the diagonal, which cancels in their difference.
     let mut products = vec![0.0_f32; n * d];
     let mut sums = vec![0.0_f32; n];
     let mut below = 0.0;
+    let exponent = -1.0 / bandwidth_sq as f32;
     let mut buffer = vec![0.0_f32; BLOCK.min(n) * n];
     for start in (0..n).step_by(BLOCK) {
         let end = (start + BLOCK).min(n);
@@ -55,19 +55,14 @@ pub fn hscic_gradient(
         let right = MatRef::from_row_major_slice(&representation[..end * d], end, d);
         let out = MatMut::from_row_major_slice_mut(block, rows, end);
         matmul(out, Accum::Replace, left, right.transpose(), 1.0, Par::Seq);
-        below += arch.dispatch(|| {
-            let scale = -1.0 / bandwidth_sq as f32;
-            let mut total = 0.0;
-            for (i, row) in (start..end).zip(block.chunks_exact_mut(end)) {
-                let (row, after) = row.split_at_mut(i);
-                after.fill(0.0);
-                let (before, at) = sums.split_at_mut(i);
-                let sum = weigh_row(row, &norms[..i], norms[i], weights.below(i), scale, before);
-                at[0] += sum as f32;
-                total += sum;
-            }
-            total
-        });
+        for (i, row) in (start..end).zip(block.chunks_exact_mut(end)) {
+            let (row, after) = row.split_at_mut(i);
+            after.fill(0.0);
+            let (before, at) = sums.split_at_mut(i);
+            let sum = weigh_row(row, &norms[..i], norms[i], weights.below(i), exponent, before);
+            at[0] += sum as f32;
+            below += sum;
+        }
         let block = MatRef::from_row_major_slice(&*block, rows, end);
         let out = MatMut::from_row_major_slice_mut(&mut products[start * d..end * d], rows, d);
         matmul(out, Accum::Add, block, right, 1.0, Par::Seq);
@@ -88,14 +83,16 @@ pub fn hscic_gradient(
 
 /// Turns scalar products of one sample with those before it into G's entries, adds them to the
 /// sums of those, and returns their own sum.
+#[pulp::with_simd(weigh_row = Arch::new())]
 #[inline(always)]
-fn weigh_row(
-    row: &mut [f32],
-    norms: &[f32],
+fn weigh_row_with_simd<'a, S: Simd>(
+    _simd: S,
+    row: &'a mut [f32],
+    norms: &'a [f32],
     norm: f32,
-    weights: &[f32],
+    weights: &'a [f32],
     scale: f32,
-    sums: &mut [f32],
+    sums: &'a mut [f32],
 ) -> f64 {
     const LANES: usize = 8;
     let entries = row.iter_mut().zip(norms).zip(weights).zip(sums);

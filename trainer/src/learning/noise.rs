@@ -4,7 +4,7 @@
 //! takes them one by one; this generator takes 32 at a time with vector instructions.
 
 use palr_gym_core::random::Generator;
-use pulp::Arch;
+use pulp::{Arch, Simd};
 
 /// Generators side by side.
 const LANES: usize = 16;
@@ -54,23 +54,7 @@ impl Normals {
 
     /// Adds a number with standard deviation `std` to each of `values`.
     pub fn add_to(&mut self, values: &mut [f32], std: f64) {
-        let std = std as f32;
-        Arch::new().dispatch(|| {
-            let mut blocks = values.chunks_exact_mut(BLOCK);
-            for block in &mut blocks {
-                let numbers = self.block();
-                for (value, number) in block.iter_mut().zip(numbers) {
-                    *value += std * number;
-                }
-            }
-            let rest = blocks.into_remainder();
-            if !rest.is_empty() {
-                let numbers = self.block();
-                for (value, number) in rest.iter_mut().zip(numbers) {
-                    *value += std * number;
-                }
-            }
-        });
+        add_normals(self, values, std as f32);
     }
 
     #[inline(always)]
@@ -103,6 +87,30 @@ impl Normals {
             s3[lane] = s3[lane].rotate_left(11);
         }
         result
+    }
+}
+
+#[pulp::with_simd(add_normals = Arch::new())]
+#[inline(always)]
+fn add_normals_with_simd<'a, S: Simd>(
+    _simd: S,
+    normals: &'a mut Normals,
+    values: &'a mut [f32],
+    std: f32,
+) {
+    let mut blocks = values.chunks_exact_mut(BLOCK);
+    for block in &mut blocks {
+        let numbers = normals.block();
+        for (value, number) in block.iter_mut().zip(numbers) {
+            *value += std * number;
+        }
+    }
+    let rest = blocks.into_remainder();
+    if !rest.is_empty() {
+        let numbers = normals.block();
+        for (value, number) in rest.iter_mut().zip(numbers) {
+            *value += std * number;
+        }
     }
 }
 

@@ -8,7 +8,7 @@ use faer::traits::RealField;
 use faer::{Accum, Mat, Par};
 use half::f16;
 use half::slice::HalfFloatSliceExt;
-use pulp::Arch;
+use pulp::{Arch, Simd};
 
 use crate::learning::error::TrainError;
 use crate::learning::kernel::exp;
@@ -225,22 +225,32 @@ fn kernel_f32(samples: &[f32], d: usize, bandwidth_sq: f64) -> Mat<f32> {
     let coordinates: Vec<Vec<f32>> =
         (0..d).map(|c| samples.iter().skip(c).step_by(d).copied().collect()).collect();
     let mut kernel = Mat::<f32>::zeros(n, n);
-    Arch::new().dispatch(|| {
-        for j in 0..n {
-            let column = kernel.col_as_slice_mut(j);
-            for coordinate in &coordinates {
-                let own = coordinate[j];
-                for (distance_sq, other) in column.iter_mut().zip(coordinate) {
-                    let difference = own - other;
-                    *distance_sq += difference * difference;
-                }
-            }
-            for entry in column {
-                *entry = exp(*entry * scale);
-            }
-        }
-    });
+    for j in 0..n {
+        fill_column(&coordinates, j, scale, kernel.col_as_slice_mut(j));
+    }
     kernel
+}
+
+/// Column `j` of a kernel matrix, which is 0 before.
+#[pulp::with_simd(fill_column = Arch::new())]
+#[inline(always)]
+fn fill_column_with_simd<'a, S: Simd>(
+    _simd: S,
+    coordinates: &'a [Vec<f32>],
+    j: usize,
+    scale: f32,
+    column: &'a mut [f32],
+) {
+    for coordinate in coordinates {
+        let own = coordinate[j];
+        for (distance_sq, other) in column.iter_mut().zip(coordinate) {
+            let difference = own - other;
+            *distance_sq += difference * difference;
+        }
+    }
+    for entry in column {
+        *entry = exp(*entry * scale);
+    }
 }
 
 fn kernel_f64(samples: &[f32], d: usize, bandwidth_sq: f64) -> Mat<f64> {
