@@ -11,6 +11,7 @@ use crate::imitate::manifest::{FILE, Manifest};
 use crate::imitate::records::{
     EVALUATIONS_FILE, EvaluationRecord, METRICS_FILE, Metrics, read_lines,
 };
+use crate::learning::Algorithm;
 use crate::learning::train::ONNX_FILE;
 use crate::plot::{Panel, Point, Series};
 
@@ -56,6 +57,20 @@ impl RunSummary {
             Value::String(text) => Some(text.clone()),
             value => Some(value.to_string()),
         }
+    }
+
+    /// False for a setting of another method than the run's: it changes nothing.
+    fn heeds(&self, name: &str) -> bool {
+        /// The kernels of every HSCIC that is reported.
+        const OF_REPORTS: [&str; 3] =
+            ["palr.ridge", "palr.bandwidth_sq", "palr.standardize_actions"];
+        let Some((table, _)) = name.split_once('.') else { return true };
+        let is_table = |algorithm: &Algorithm| algorithm.tables().contains(&table);
+        let own = self.setting("algorithm").unwrap_or_default();
+        let mut methods = Algorithm::ALL.iter().filter(|method| is_table(method)).peekable();
+        methods.peek().is_none()
+            || methods.any(|method| method.name() == own)
+            || OF_REPORTS.contains(&name)
     }
 }
 
@@ -156,8 +171,9 @@ pub fn group(runs: Vec<RunSummary>) -> Vec<RunGroup> {
             parts.push(run.manifest.env_id.clone());
         }
         parts.push(run.setting("algorithm").unwrap_or_default());
-        let named = |name: &String| Some(format!("{name}={}", run.setting(name)?));
-        parts.extend(names.iter().filter_map(named));
+        let heeded = |name: &&String| run.heeds(name);
+        let told = |name: &String| Some(format!("{name}={}", run.setting(name)?));
+        parts.extend(names.iter().filter(heeded).filter_map(told));
         if !one_data {
             let sha256 = &run.manifest.data.sha256;
             parts.push(format!("data={}", &sha256[..sha256.len().min(8)]));
@@ -293,6 +309,22 @@ mod tests {
         assert_eq!(panels[0].series[0].points, [want]);
         let alone = Point { y_interval: Some((8.5, 9.5)), ..Point::new(10.0, 9.0) };
         assert_eq!(panels[0].series[1].points, [alone]);
+    }
+
+    #[test]
+    fn a_label_leaves_out_the_settings_of_other_methods() {
+        let of = |algorithm: &str, alpha: f64, ridge: f64| {
+            let mut run = run(0, alpha, &[1.0]);
+            run.manifest.settings["algorithm"] = json!(algorithm);
+            run.manifest.settings["palr"]["ridge"] = json!(ridge);
+            run
+        };
+        let labels = |runs| group(runs).into_iter().map(|group| group.label).collect::<Vec<_>>();
+        let runs = vec![of("bc", 10.0, 0.1), of("dt_palr", 1000.0, 0.1), of("bc", 5.0, 0.1)];
+        assert_eq!(labels(runs), ["bc", "dt_palr palr.alpha=1000.0"]);
+        // What every HSCIC is measured with does set runs apart.
+        let runs = vec![of("bc", 10.0, 0.1), of("bc", 10.0, 0.2)];
+        assert_eq!(labels(runs), ["bc palr.ridge=0.1", "bc palr.ridge=0.2"]);
     }
 
     #[test]

@@ -75,6 +75,24 @@ impl Algorithm {
         }
     }
 
+    /// The tables of settings that decide what it does, besides the settings that all methods share.
+    #[must_use]
+    pub fn tables(self) -> &'static [&'static str] {
+        match self {
+            Self::Bc => &[],
+            Self::Kf => &["kf"],
+            Self::Primenet => &["primenet"],
+            Self::Rap => &["rap"],
+            Self::Fca => &["fca"],
+            Self::Mine => &["mine"],
+            Self::Palr => &["palr"],
+            Self::PalrAct => &["palr", "palr_act"],
+            Self::Vib => &["vib"],
+            Self::Dt => &["dt"],
+            Self::DtPalr => &["dt", "palr"],
+        }
+    }
+
     /// Name of the one setting that the paper tunes for each task, the method's α; none for
     /// methods without one.
     #[must_use]
