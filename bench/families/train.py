@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from functools import partial
 
 from bench.plan import Contender, Figure, Group, Settings, ratio
-from bench.processes import measured, python
+from bench.processes import measured, python, ran
 
 _SETTINGS = ("hopper-w2", "ant-w4")
 _UNIT = "CPU seconds/step"
@@ -15,7 +15,7 @@ _METHODS = ("kf", "primenet", "rap", "fca", "mine")
 _SECONDS = {"bc": 0.004, "palr": 0.4, "kf": 0.005, "primenet": 0.008, "rap": 0.008}
 _OUR_SECONDS = {"palr-exact": 0.1, "palr-pool": 0.008, "palr-lockstep10": 0.2}
 _INNER_SECONDS = 0.02
-_TRANSITIONS = 35_000
+_TRANSITIONS = 55_000
 _EVALUATED_STEPS = 2000
 
 
@@ -68,10 +68,10 @@ def _prepare_evaluation(settings: Settings) -> Mapping[str, Contender]:
         f"--transitions={_TRANSITIONS}",
         f"--out={data}",
     ]
-    measured([binary, "collect", *recording, "--json"])
+    ran([binary, "collect", *recording])
 
     def run(every: int) -> Contender:
-        arguments = ["--env=hopper-w2", f"--data={data}", "--weights=pool", "--json"]
+        arguments = ["--env=hopper-w2", f"--data={data}", "--weights=pool"]
         arguments += [f"--steps={_EVALUATED_STEPS}", f"--evaluate-every={every}", "--episodes=4"]
         arguments += ["--set=palr.pool_size=64"]
 
@@ -79,7 +79,7 @@ def _prepare_evaluation(settings: Settings) -> Mapping[str, Contender]:
             # Nothing outlives the contenders: the folder does, as long as there is one.
             assert folder.name
             before = resource.getrusage(resource.RUSAGE_CHILDREN)
-            measured([binary, "train", *arguments])
+            ran([binary, "train", *arguments])
             after = resource.getrusage(resource.RUSAGE_CHILDREN)
             spent = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
             return spent / _EVALUATED_STEPS
