@@ -1,6 +1,6 @@
 //! The actor: a Gaussian whose mean and deviation a network gives, squashed by tanh.
 
-use crate::expert::mlp::{self, Hidden, Tape, Wanted};
+use crate::expert::mlp::{self, Tape, Wanted};
 use crate::learning::network::LayerShape;
 use crate::learning::policy_net::LOG_STD_RANGE;
 
@@ -42,7 +42,7 @@ impl Drawn {
         noise: &[f32],
         n: usize,
     ) {
-        mlp::forward(layers, parameters, Hidden::Relu, observations, n, &mut self.tape);
+        mlp::forward(layers, parameters, observations, n, &mut self.tape);
         let action_size = noise.len() / n;
         self.action_size = action_size;
         self.actions.resize(n * action_size, 0.0);

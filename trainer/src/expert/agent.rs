@@ -4,7 +4,7 @@ use pulp::{Arch, Simd};
 
 use crate::expert::actor::{self, Drawn};
 use crate::expert::critic::{self, CriticKind, Returns};
-use crate::expert::mlp::{self, Hidden, Tape, Wanted};
+use crate::expert::mlp::{self, Tape, Wanted};
 use crate::expert::settings::ExpertSettings;
 use crate::learning::error::TrainError;
 use crate::learning::network::{Initialization, LayerShape, Network};
@@ -32,7 +32,6 @@ pub struct Agent {
 #[derive(Debug, Clone, Copy)]
 struct Rule {
     critic: CriticKind,
-    critic_hidden: Hidden,
     outputs: usize,
     dropped: usize,
     learning_rate: f64,
@@ -119,10 +118,6 @@ impl Agent {
             action_size,
             rule: Rule {
                 critic: settings.critic,
-                critic_hidden: match settings.critic_norm {
-                    true => Hidden::NormRelu,
-                    false => Hidden::Relu,
-                },
                 outputs,
                 dropped,
                 learning_rate: settings.learning_rate,
@@ -182,8 +177,7 @@ impl Agent {
     /// # Errors
     /// [`TrainError::Diverged`].
     pub fn update(&mut self, batch: &Batch, noise: &UpdateNoise) -> Result<Losses, TrainError> {
-        let Rule { critic: kind, critic_hidden: hidden, outputs, dropped, learning_rate, .. } =
-            self.rule;
+        let Rule { critic: kind, outputs, dropped, learning_rate, .. } = self.rule;
         let (action_size, n) = (self.action_size, batch.rewards.len());
         let step = self.updates + 1;
         let Scratch {
@@ -212,7 +206,7 @@ impl Agent {
         joined(inputs, &batch.next_observations, &next.actions, action_size);
         let layers = &self.critics[0].layers;
         for (tape, parameters) in tapes.iter_mut().zip(&self.targets) {
-            mlp::forward(layers, parameters, hidden, inputs, n, tape);
+            mlp::forward(layers, parameters, inputs, n, tape);
         }
         next_cost.clear();
         next_cost.extend(next.log_density.iter().map(|value| temperature * value));
@@ -232,7 +226,7 @@ impl Agent {
         };
         let gradient = &mut output_gradients[0];
         for (network, tape) in self.critics.iter_mut().zip(tapes.iter_mut()) {
-            mlp::forward(&network.layers, &network.parameters, hidden, inputs, n, tape);
+            mlp::forward(&network.layers, &network.parameters, inputs, n, tape);
             losses.critic += match kind {
                 CriticKind::Sac => critic::squared_loss(tape.output(), targets, gradient),
                 CriticKind::Tqc => critic::quantile_loss(outputs, tape.output(), targets, gradient),
@@ -247,7 +241,7 @@ impl Agent {
         if step.is_multiple_of(self.rule.actor_every) {
             joined(inputs, &batch.observations, &present.actions, action_size);
             for (network, tape) in self.critics.iter().zip(tapes.iter_mut()) {
-                mlp::forward(&network.layers, &network.parameters, hidden, inputs, n, tape);
+                mlp::forward(&network.layers, &network.parameters, inputs, n, tape);
             }
             let values = [tapes[0].output(), tapes[1].output()];
             let value = critic::actor_value(kind, values, outputs, output_gradients.each_mut());

@@ -9,30 +9,12 @@ use pulp::{Arch, Simd};
 
 use crate::learning::network::LayerShape;
 
-/// Keeps a row of equal numbers finite.
-const NORM_EPSILON: f32 = 1e-5;
-
-/// What becomes of a hidden layer's sums.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Hidden {
-    /// max(0, x).
-    #[default]
-    Relu,
-    /// Each row less its mean, over its deviation (Ba et al. 2016, without gain and bias); then ReLU.
-    NormRelu,
-}
-
 /// What a pass leaves behind for its way back.
 #[derive(Debug, Clone, Default)]
 pub struct Tape {
     n: usize,
-    hidden: Hidden,
     /// Of each layer, `[n, outputs]`; of hidden ones after ReLU.
     outputs: Vec<Vec<f32>>,
-    /// Of each hidden layer that is normalised, before ReLU: `[n, outputs]`.
-    normalized: Vec<Vec<f32>>,
-    /// Of each hidden layer that is normalised: `[n]`, 1 over the deviation.
-    inverse_deviations: Vec<Vec<f32>>,
     /// Scratch of the way back.
     gradient: Vec<f32>,
     next_gradient: Vec<f32>,
@@ -55,23 +37,19 @@ pub enum Wanted<'a> {
     Input(&'a mut Vec<f32>),
 }
 
-/// Runs `layers` on `input`, `[n, inputs of the first layer]`, with `hidden` after each but the last.
+/// Runs `layers` on `input`, `[n, inputs of the first layer]`.
 ///
 /// # Panics
 /// If the slices have not the lengths that `layers` and `n` say.
 pub fn forward(
     layers: &[LayerShape],
     parameters: &[f32],
-    hidden: Hidden,
     input: &[f32],
     n: usize,
     tape: &mut Tape,
 ) {
     tape.n = n;
-    tape.hidden = hidden;
     tape.outputs.resize_with(layers.len(), Vec::new);
-    tape.normalized.resize_with(layers.len(), Vec::new);
-    tape.inverse_deviations.resize_with(layers.len(), Vec::new);
     let mut start = 0;
     for (at, layer) in layers.iter().enumerate() {
         let (before, rest) = tape.outputs.split_at_mut(at);
@@ -89,40 +67,25 @@ pub fn forward(
             1.0,
             Par::Seq,
         );
-        let after = (at + 1 < layers.len()).then_some(hidden);
-        let (normalized, inverses) = (&mut tape.normalized[at], &mut tape.inverse_deviations[at]);
-        activate(output, bias, after, normalized, inverses);
+        let is_hidden = at + 1 < layers.len();
+        activate(output, bias, is_hidden);
         start += layer.len();
     }
 }
 
-/// Adds the bias to each row of a layer's output and does what comes after.
+/// Adds the bias to each row of a layer's output; what `is_hidden` goes through ReLU.
 #[pulp::with_simd(activate = Arch::new())]
 #[inline(always)]
 fn activate_with_simd<'a, S: Simd>(
     _simd: S,
     output: &'a mut [f32],
     bias: &'a [f32],
-    after: Option<Hidden>,
-    normalized: &'a mut Vec<f32>,
-    inverses: &'a mut Vec<f32>,
+    is_hidden: bool,
 ) {
     for row in output.chunks_exact_mut(bias.len()) {
         for (value, bias) in row.iter_mut().zip(bias) {
-            *value += bias;
-        }
-    }
-    if after == Some(Hidden::NormRelu) {
-        inverses.clear();
-        for row in output.chunks_exact_mut(bias.len()) {
-            inverses.push(normalize(row));
-        }
-        normalized.clear();
-        normalized.extend_from_slice(output);
-    }
-    if after.is_some() {
-        for value in output.iter_mut() {
-            *value = value.max(0.0);
+            let sum = *value + bias;
+            *value = if is_hidden { sum.max(0.0) } else { sum };
         }
     }
 }
@@ -148,47 +111,6 @@ fn relu_backward_with_simd<'a, S: Simd>(_simd: S, gradient: &'a mut [f32], outpu
     }
 }
 
-/// Takes a row's mean away, divides by its deviation, and returns 1 over that.
-#[inline(always)]
-fn normalize(row: &mut [f32]) -> f32 {
-    let n = row.len() as f32;
-    let mean = sum(row.iter().copied()) / n;
-    let variance = sum(row.iter().map(|value| (value - mean) * (value - mean))) / n;
-    let inverse = 1.0 / (variance + NORM_EPSILON).sqrt();
-    for value in row {
-        *value = (*value - mean) * inverse;
-    }
-    inverse
-}
-
-/// The way back of [`normalize`]: `gradient` by its result becomes that by its argument.
-#[pulp::with_simd(normalize_backward = Arch::new())]
-#[inline(always)]
-fn normalize_backward_with_simd<'a, S: Simd>(
-    _simd: S,
-    gradient: &'a mut [f32],
-    normalized: &'a [f32],
-    inverse: f32,
-) {
-    let n = gradient.len() as f32;
-    let mean = sum(gradient.iter().copied()) / n;
-    let along = sum(gradient.iter().zip(normalized).map(|(slope, value)| slope * value)) / n;
-    for (slope, value) in gradient.iter_mut().zip(normalized) {
-        *slope = inverse * (*slope - mean - value * along);
-    }
-}
-
-/// In sixteen strands, which vector instructions add at once.
-#[inline(always)]
-fn sum(values: impl ExactSizeIterator<Item = f32>) -> f32 {
-    const STRANDS: usize = 16;
-    let mut strands = [0.0; STRANDS];
-    for (at, value) in values.enumerate() {
-        strands[at % STRANDS] += value;
-    }
-    strands.iter().sum()
-}
-
 /// The way back of [`forward`] with the same arguments, from `output_gradient`, `[n, outputs]`.
 ///
 /// # Panics
@@ -202,7 +124,7 @@ pub fn backward(
     mut wanted: Wanted<'_>,
 ) {
     let n = tape.n;
-    let Tape { outputs, normalized, inverse_deviations, gradient, next_gradient, .. } = tape;
+    let Tape { outputs, gradient, next_gradient, .. } = tape;
     gradient.clear();
     gradient.extend_from_slice(output_gradient);
     let mut end = parameters.len();
@@ -238,14 +160,6 @@ pub fn backward(
         );
         if at > 0 {
             relu_backward(next_gradient, &outputs[at - 1]);
-            if tape.hidden == Hidden::NormRelu {
-                let rows = next_gradient.chunks_exact_mut(layer.inputs);
-                let of_rows = normalized[at - 1].chunks_exact(layer.inputs);
-                let inverses = &inverse_deviations[at - 1];
-                for ((row, normalized), inverse) in rows.zip(of_rows).zip(inverses) {
-                    normalize_backward(row, normalized, *inverse);
-                }
-            }
         }
         std::mem::swap(gradient, next_gradient);
         end = start;
@@ -263,7 +177,6 @@ mod tests {
 
     /// Σ coefficients · output, in double precision.
     fn exact(
-        hidden: Hidden,
         layers: &[LayerShape],
         parameters: &[f64],
         input: &[f64],
@@ -284,12 +197,6 @@ mod tests {
                 };
                 let mut sums: Vec<f64> = (0..layer.outputs).map(sum).collect();
                 if at + 1 < layers.len() {
-                    if hidden == Hidden::NormRelu {
-                        let mean = sums.iter().sum::<f64>() / sums.len() as f64;
-                        let squares = sums.iter().map(|sum| (sum - mean).powi(2)).sum::<f64>();
-                        let variance = squares / sums.len() as f64 + f64::from(NORM_EPSILON);
-                        sums.iter_mut().for_each(|sum| *sum = (*sum - mean) / variance.sqrt());
-                    }
                     sums.iter_mut().for_each(|sum| *sum = sum.max(0.0));
                 }
                 out.extend(sums);
@@ -303,11 +210,6 @@ mod tests {
 
     #[test]
     fn values_and_gradients_are_those_of_double_precision_and_finite_differences() {
-        values_and_gradients(Hidden::Relu);
-        values_and_gradients(Hidden::NormRelu);
-    }
-
-    fn values_and_gradients(hidden: Hidden) {
         let layers = vec![
             LayerShape::new("a", 5, 7),
             LayerShape::new("b", 7, 6),
@@ -322,11 +224,9 @@ mod tests {
         let coefficients_64 = wide(&coefficients);
 
         let mut tape = Tape::default();
-        forward(&layers, &network.parameters, hidden, &input, n, &mut tape);
+        forward(&layers, &network.parameters, &input, n, &mut tape);
         let sum: f64 = wide(tape.output()).iter().zip(&coefficients_64).map(|(a, b)| a * b).sum();
-        assert!(
-            (sum - exact(hidden, &layers, &parameters, &input_64, &coefficients_64)).abs() < 1e-5
-        );
+        assert!((sum - exact(&layers, &parameters, &input_64, &coefficients_64)).abs() < 1e-5);
 
         let mut gradient = vec![0.0; parameters.len()];
         let wanted = Wanted::Parameters(&mut gradient);
@@ -338,7 +238,7 @@ mod tests {
         let difference = |shift: &dyn Fn(f64) -> (Vec<f64>, Vec<f64>)| {
             let at = |by| {
                 let (parameters, input) = shift(by);
-                exact(hidden, &layers, &parameters, &input, &coefficients_64)
+                exact(&layers, &parameters, &input, &coefficients_64)
             };
             (at(step) - at(-step)) / (2.0 * step)
         };
