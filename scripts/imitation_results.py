@@ -9,6 +9,7 @@ in docs/imitation.json; the tables stand between markers in docs/*.md.
 
 import argparse
 import json
+import math
 import statistics
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
@@ -38,6 +39,7 @@ def summed_up(folder: Path) -> Run:
     metrics = _lines(folder / "metrics.jsonl")
     if not evaluations or metrics[-1]["step"] != settings["steps"]:
         raise SystemExit(f"{folder} has not ended, or was not evaluated")
+    reports = metrics[-math.ceil(len(metrics) / 4) :]
     last = evaluations[-max(1, round(JUDGED * len(evaluations))) :]
     algorithm = settings["algorithm"]
     is_palr = "palr" in algorithm
@@ -57,7 +59,10 @@ def summed_up(folder: Path) -> Run:
         "score": statistics.fmean(evaluation["score_mean"] for evaluation in last),
         "best_score": max(evaluation["score_mean"] for evaluation in evaluations),
         "held_out_nll": metrics[-1]["held_out_nll"],
-        "held_out_change_nll": metrics[-1]["held_out_change_nll"],
+        # As `--alpha auto` judges.
+        "held_out_change_nll": statistics.fmean(
+            report["held_out_change_nll"] for report in reports
+        ),
         "held_out_hscic": metrics[-1]["held_out_hscic"],
         "held_out_action_hscic": metrics[-1]["held_out_action_hscic"],
     }
