@@ -223,9 +223,10 @@ pub enum ServerError {
         /// The most.
         max: u64,
     },
-    /// The task ships without an expert.
+    /// The task has no expert that is a model; a controller may be there, which sees the scene and not
+    /// observations.
     #[error(
-        "no expert ships for task {task:?}; experts ship for {available}. Give a policy of your own as ONNX, or ask for the random policy"
+        "no expert model ships for task {task:?}; models ship for {available}. Give a policy of your own as ONNX, or ask for the random policy"
     )]
     NoExpert {
         /// The task.

@@ -84,11 +84,10 @@ pub fn about(task: &str) -> Option<About> {
     })
 }
 
-/// The tasks that have an expert, for people.
+/// The tasks that have a model, for people.
 #[must_use]
 pub fn available() -> String {
-    let names = TASKS.iter().map(|task| task.spec().name);
-    names.filter(|name| about(name).is_some()).collect::<Vec<_>>().join(", ")
+    EXPERTS.map(|expert| expert.task).join(", ")
 }
 
 /// SHA-256 of a model, in hexadecimal.

@@ -7,7 +7,7 @@ use palr_gym_leakage::{Hscic, HscicConfig, Interval, block_bootstrap, hscic, ref
 use palr_gym_onnx::{Policy, PolicyLimits};
 
 use crate::error::ServerError;
-use crate::experts::{EXPERTS, expert};
+use crate::experts::{self, expert};
 use crate::rollout::PolicyChoice;
 
 /// Rows that a policy sees at once.
@@ -118,10 +118,8 @@ impl PolicySubject {
             }
             PolicyChoice::Expert => {
                 let task = spec.task.name;
-                let available = || EXPERTS.map(|expert| expert.task).join(", ");
-                expert(task)
-                    .ok_or_else(|| ServerError::NoExpert { task, available: available() })?
-                    .onnx
+                let missing = || ServerError::NoExpert { task, available: experts::available() };
+                expert(task).ok_or_else(missing)?.onnx
             }
             PolicyChoice::Onnx(model) => model,
         };

@@ -7,7 +7,7 @@ use palr_gym_proto::v1::evaluation_service_client::EvaluationServiceClient;
 use tonic::{Code, Status};
 use tonic_types::StatusExt;
 
-use crate::support::{TestServer, expert, float32, open, random};
+use crate::support::{TestServer, float32, open, random};
 
 #[track_caller]
 fn check(status: &Status, code: Code, reason: &str, text: &str) {
@@ -138,7 +138,6 @@ async fn wrong_rollouts_are_refused() {
     }
     for (request, code, reason, text) in [
         (base("hopper", None), Code::InvalidArgument, "MISSING", "policy is not set"),
-        (base("ant", Some(expert())), Code::NotFound, "NO_EXPERT", "for halfcheetah, hopper"),
         (none, Code::InvalidArgument, "OUT_OF_RANGE", "episodes is 0; expected 1 to"),
         (crowd, Code::InvalidArgument, "NUM_ENVS", "num_envs is 9999"),
         (base("hopper", onnx(b"junk")), Code::InvalidArgument, "POLICY_NOT_ONNX", "no ONNX model"),

@@ -69,6 +69,17 @@ async fn a_policys_actions_are_what_leaks() {
     // The same observation each time: the same action, which can depend on nothing.
     assert!(constant.hscic.abs() < 1e-4, "{}", constant.hscic);
 
+    // A controller sees more than observations.
+    let driver = v1::PolicyOnObservations {
+        env_id: "lane".into(),
+        observations: Some(float32(&vec![0.1; n * 12], &[n as i64, 12])),
+        ..subject.clone()
+    };
+    let asked = v1::EstimateLeakageRequest { subject: Some(Subject::Policy(driver)), ..request(n) };
+    let status = service.estimate_leakage(asked).await.unwrap_err();
+    assert_eq!(status.code(), Code::NotFound);
+    assert!(status.message().contains("no expert model ships for task \"lane\""), "{status}");
+
     let blind = v1::PolicyOnObservations { env_id: "hopper-w2".into(), ..subject };
     let asked = v1::EstimateLeakageRequest { subject: Some(Subject::Policy(blind)), ..request(n) };
     let status = service.estimate_leakage(asked).await.unwrap_err();

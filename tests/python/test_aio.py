@@ -170,7 +170,6 @@ WRONG: list[tuple[Call, type[Exception], str]] = [
     (lambda client: client.spec("hoper"), errors.NotFound, "did you mean"),
     (lambda client: client.open_session("hopper", num_envs=0), ValueError, "num_envs is 0"),
     (lambda client: client.evaluate("hopper", "gone.onnx"), ValueError, "cannot be read"),
-    (lambda client: client.evaluate("ant", "expert"), errors.NotFound, "no expert"),
     (step_without_reset, errors.ResetNeeded, "reset them before the first step"),
     (step_out_of_bounds, errors.InvalidArgument, "environment 0 has 2 at index 0"),
     (step_of_another_shape, errors.InvalidArgument, r"shape \[2, 3\]; expected \[1, 3\]"),

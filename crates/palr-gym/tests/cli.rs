@@ -75,9 +75,7 @@ fn wrong_command_lines_and_requests_exit_with_64_and_say_what_was_expected() {
         ),
         (&["evaluate", "--env", "hoper"], "did you mean \"hopper\"?"),
         (&["evaluate", "--env", "hopper-w0"], "frame stack of 0; expected 1 to 64"),
-        (&["evaluate", "--env", "ant"], "no expert ships for task \"ant\""),
         (&["evaluate", "--env", "hopper", "--episodes", "0"], "episodes is 0; expected 1 to"),
-        (&["collect", "--env", "ant", "--out", "a.hdf5"], "no expert ships"),
         (
             &["collect", "--env", "hopper", "--transitions", "0", "--out", "a.hdf5"],
             "transitions is 0",

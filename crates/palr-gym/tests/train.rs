@@ -219,13 +219,6 @@ fn without_data_the_expert_is_recorded_once() {
     let recorded = std::fs::metadata(&data).unwrap().modified().unwrap();
     succeed(folder.path(), &train);
     assert_eq!(std::fs::metadata(&data).unwrap().modified().unwrap(), recorded);
-    let output = palr_gym(folder.path(), &["train", "--env", "ant-w2"]);
-    let said = String::from_utf8(output.stderr).unwrap();
-    assert!(
-        !output.status.success() && said.contains("no expert ships for task \"ant\""),
-        "{said}"
-    );
-    assert!(!folder.path().join("runs/train/003").exists());
 }
 
 #[test]
