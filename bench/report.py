@@ -192,12 +192,17 @@ def _row(entry: Entry) -> str:
     low, high = (_text(bound) for bound in entry["spread"])
     if "ratio" in entry and "ours" in entry and "reference" in entry:
         ours, reference = _text(entry["ours"]), _text(entry["reference"])
-        ratio = f"**{entry['ratio']:.2f}**"
-        low, high = (f"{bound:.2f}" for bound in entry["spread"])
+        ratio = f"**{_ratio(entry['ratio'])}**"
+        low, high = (_ratio(bound) for bound in entry["spread"])
     else:
         ours, reference, ratio = f"**{_text(entry.get('value', math.nan))}**", "", ""
     cells = [f"`{entry['name']}`", ours, reference, entry["unit"], ratio]
     return f"| {' | '.join(cells)} | {low} to {high} |"
+
+
+def _ratio(number: float) -> str:
+    """Two digits after the point; more where two would say little."""
+    return f"{number:.2f}" if number >= 0.1 else f"{number:.2g}"
 
 
 def _text(number: float) -> str:
