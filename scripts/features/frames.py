@@ -2,7 +2,8 @@
 
 The car is driven by a noisy driver, so that frames show more than an expert meets: far from the
 lane's middle, askew, close behind the car ahead. Weather, scenery in sight and the car ahead differ
-from episode to episode. What a frame shows is kept for probes only; training never sees it.
+from episode to episode. Of what is kept beside a frame training sees the geometry alone
+(`geometry.py`); speeds and actions are for probes.
 """
 
 # torch is not installed where types are checked.
@@ -24,7 +25,6 @@ STEPS = 120
 """Steps of each before all of them start anew."""
 SHOT_EVERY = 6
 """Steps from one frame of a car to the next: half a car's length and more."""
-NO_LEAD_GAP_M = 100.0
 LANE_KEPT_M = 2.0
 
 

@@ -1,4 +1,4 @@
-"""The compact network, its training without labels, and its probes."""
+"""The compact network, its training on single frames, and its probes."""
 
 # torch is not installed where types are checked.
 # pyright: basic, reportMissingImports=false, reportCallIssue=false
@@ -19,6 +19,8 @@ MEAN = (0.45, 0.45, 0.45)
 STD = (0.25, 0.25, 0.25)
 PLACES = 9
 """3 x 3 of them are left of 48 x 48 pixels."""
+THUMBNAIL_PX = 12
+"""Side of the picture that training paints from the features."""
 
 
 class Block(nn.Module):
@@ -83,39 +85,31 @@ def normalize(unit: Tensor) -> Tensor:
 
 
 def augment(unit: Tensor, generator: torch.Generator) -> Tensor:
-    """Another view of each frame: crop, colours, haze, blur, noise. `[N, 3, H, W]` within 0 to 1.
+    """Each frame in another light: colours, haze, blur, noise. `[N, 3, H, W]` within 0 to 1.
 
-    Crops are tight (a pixel and a half, and 5 % of size): what is wanted of the features is where
-    the lane lies, and a network that is taught to ignore places cannot tell.
+    Nothing is moved: where things are in the picture is what there is to learn.
     """
     n = len(unit)
 
     def draw(low: float, high: float, *shape: int) -> Tensor:
         return low + (high - low) * torch.rand(n, *shape, generator=generator)
 
-    # Crop.
-    theta = torch.zeros(n, 2, 3)
-    zoom = draw(0.95, 1.05)
-    theta[:, 0, 0], theta[:, 1, 1] = zoom, zoom
-    theta[:, :, 2] = draw(-1.5, 1.5, 2) * 2 / unit.shape[-1]
-    grid = functional.affine_grid(theta, list(unit.shape), align_corners=False)
-    x = functional.grid_sample(unit, grid, padding_mode="border", align_corners=False)
     # Colours: each channel's brightness, contrast, saturation.
-    x = x * draw(0.6, 1.5, 1, 1, 1) * draw(0.75, 1.25, 3, 1, 1)
+    x = unit * draw(0.6, 1.5, 1, 1, 1) * draw(0.75, 1.25, 3, 1, 1)
     middle = x.mean((1, 2, 3), keepdim=True)
-    x = middle + (x - middle) * draw(0.5, 1.4, 1, 1, 1)
+    x = middle + (x - middle) * draw(0.6, 1.3, 1, 1, 1)
     grey = x.mean(1, keepdim=True)
     x = grey + (x - grey) * draw(0.0, 1.5, 1, 1, 1)
     # Haze, thickest at the horizon.
     rows = torch.arange(unit.shape[2])[None, None, :, None]
-    thickness = draw(0, 0.6, 1, 1, 1) * torch.exp(-(((rows - 24) / draw(4, 20, 1, 1, 1)) ** 2))
+    thickness = draw(0, 0.4, 1, 1, 1) * torch.exp(-(((rows - 24) / draw(4, 20, 1, 1, 1)) ** 2))
     x = x + thickness * (draw(0.4, 1, 1, 1, 1) - x)
     # Blur by a 3x3 binomial, more or less of it.
     kernel = torch.tensor([1.0, 2.0, 1.0])
     kernel = (kernel[:, None] * kernel / 16).expand(3, 1, 3, 3)
     blurred = functional.conv2d(functional.pad(x, (1, 1, 1, 1), "replicate"), kernel, groups=3)
-    x = x + draw(0, 1, 1, 1, 1) * (blurred - x)
-    x = x + draw(0, 0.05, 1, 1, 1) * torch.randn(x.shape, generator=generator)
+    x = x + draw(0, 0.7, 1, 1, 1) * (blurred - x)
+    x = x + draw(0, 0.04, 1, 1, 1) * torch.randn(x.shape, generator=generator)
     return x.clamp(0, 1)
 
 
@@ -124,63 +118,68 @@ class Recipe:
     """How to train."""
 
     width: int = 16
-    epochs: int = 6
+    epochs: int = 16
     batch: int = 128
-    learning_rate: float = 2e-3
-    weight_decay: float = 1e-4
-    projection: int = 256
-    """Width of the layers that only training has."""
-    invariance: float = 25.0
-    variance: float = 25.0
-    covariance: float = 1.0
+    learning_rate: float = 4e-3
+    weight_decay: float = 1e-3
+    picture_share: float = 0.1
+    """Of the loss: a linear layer paints the frame, 12 x 12, as it was before its light changed."""
     seed: int = 0
 
 
-def vicreg(a: Tensor, b: Tensor, recipe: Recipe) -> Tensor:
-    """Bardes, Ponce, LeCun: VICReg (2022), its equation (6), of two views' projections `[N, P]`."""
-    n, width = a.shape
-    loss = recipe.invariance * functional.mse_loss(a, b)
-    for view in (a, b):
-        deviation = torch.sqrt(view.var(0) + 1e-4)
-        loss = loss + recipe.variance * functional.relu(1 - deviation).mean() / 2
-        centred = view - view.mean(0)
-        covariance = centred.T @ centred / (n - 1)
-        off_diagonal = covariance.square().sum() - covariance.diagonal().square().sum()
-        loss = loss + recipe.covariance * off_diagonal / width
-    return loss
+class Trainee(nn.Module):
+    """The network with the two linear layers that only training has."""
+
+    def __init__(self, recipe: Recipe, quantities: int) -> None:
+        """Random weights."""
+        super().__init__()
+        self.network = CompactResNet(recipe.width)
+        # Twice as fast on processors.
+        self.network.to(memory_format=torch.channels_last)
+        self.geometry = nn.Linear(self.network.size, quantities)
+        self.picture = nn.Linear(self.network.size, 3 * THUMBNAIL_PX**2)
+
+    def losses(self, unit: Tensor, shown: Tensor, generator: torch.Generator) -> tuple[Tensor, ...]:
+        """Of geometry (`[N, quantities]` standardised, NaN: nothing there) and of the picture."""
+        picture = normalize(augment(unit, generator)).contiguous(memory_format=torch.channels_last)
+        # Convolutions in bfloat16 are twice as fast; what is compared is not rounded.
+        with torch.autocast("cpu", torch.bfloat16):
+            seen = self.network(picture)
+        seen = seen.float()
+        is_there = ~shown.isnan()
+        misses = functional.smooth_l1_loss(
+            self.geometry(seen), shown.nan_to_num(), beta=0.5, reduction="none"
+        )
+        # Each quantity counts the same, however seldom it is there.
+        geometry = ((misses * is_there).sum(0) / is_there.sum(0).clamp(min=1)).mean()
+        thumbnail = functional.avg_pool2d(normalize(unit), unit.shape[-1] // THUMBNAIL_PX)
+        return geometry, functional.mse_loss(self.picture(seen), thumbnail.flatten(1))
 
 
 def train(
-    pixels: NDArray[np.uint8], recipe: Recipe, checkpoint: Path
-) -> Iterator[tuple[int, float, CompactResNet]]:
+    pixels: NDArray[np.uint8], shown: NDArray[np.float32], recipe: Recipe, checkpoint: Path
+) -> Iterator[tuple[int, tuple[float, ...], CompactResNet]]:
     """Trains on single frames, one epoch after the other; goes on from `checkpoint` if it is there.
 
+    Args:
+        pixels: `[N, 48, 48, 3]`.
+        shown: `[N, quantities]`, what there is to read in each; NaN where there is nothing.
+        recipe: How.
+        checkpoint: Written after every epoch.
+
     Yields:
-        The epoch's number, its mean loss, and the network as it stands.
+        The epoch's number, its mean losses (geometry, picture), and the network as it stands.
     """
     torch.manual_seed(recipe.seed)
-    network = CompactResNet(recipe.width)
-    # Twice as fast on processors.
-    network.to(memory_format=torch.channels_last)
-    wide = recipe.projection
-    head = nn.Sequential(
-        nn.Linear(network.size, wide, bias=False),
-        nn.BatchNorm1d(wide),
-        nn.ReLU(),
-        nn.Linear(wide, wide, bias=False),
-        nn.BatchNorm1d(wide),
-        nn.ReLU(),
-        nn.Linear(wide, wide, bias=False),
-    )
-    parameters = [*network.parameters(), *head.parameters()]
+    trainee = Trainee(recipe, shown.shape[1])
     optimizer = torch.optim.AdamW(
-        parameters, recipe.learning_rate, weight_decay=recipe.weight_decay
+        trainee.parameters(), recipe.learning_rate, weight_decay=recipe.weight_decay
     )
     per_epoch = len(pixels) // recipe.batch
     schedule = torch.optim.lr_scheduler.OneCycleLR(
-        optimizer, recipe.learning_rate, total_steps=recipe.epochs * per_epoch, pct_start=0.1
+        optimizer, recipe.learning_rate, total_steps=recipe.epochs * per_epoch, pct_start=0.15
     )
-    parts = {"network": network, "head": head, "optimizer": optimizer, "schedule": schedule}
+    parts = {"trainee": trainee, "optimizer": optimizer, "schedule": schedule}
     first = 0
     if checkpoint.exists():
         saved = torch.load(checkpoint, weights_only=True)
@@ -189,35 +188,30 @@ def train(
         for name, part in parts.items():
             part.load_state_dict(saved[name])
         first = saved["epochs"]
+        if first == recipe.epochs:
+            yield first, (float("nan"),) * 2, trainee.network.eval()
     frames = torch.from_numpy(pixels).permute(0, 3, 1, 2).contiguous()
+    quantities = torch.from_numpy((shown - np.nanmean(shown, 0)) / np.nanstd(shown, 0))
     for epoch in range(first, recipe.epochs):
         # Of the epoch alone, so that a run that was interrupted sees what it would have seen.
         generator = torch.Generator().manual_seed(recipe.seed * 1000 + epoch)
         order = torch.randperm(len(frames), generator=generator)
-        network.train()
-        total = 0.0
+        trainee.train()
+        total = np.zeros(2)
         for batch in order[: per_epoch * recipe.batch].view(per_epoch, -1):
             unit = frames[batch].float() / 255
-            views = [normalize(augment(unit, generator)) for _ in range(2)]
-            pictures = torch.cat(views).contiguous(memory_format=torch.channels_last)
-            # Convolutions in bfloat16 are twice as fast; what is compared is not rounded.
-            with torch.autocast("cpu", torch.bfloat16):
-                features_of_both = network(pictures)
-            projected = head(features_of_both.float())
-            loss = vicreg(*projected.chunk(2), recipe)
+            geometry, picture = trainee.losses(unit, quantities[batch], generator)
             optimizer.zero_grad(set_to_none=True)
-            loss.backward()
+            (geometry + recipe.picture_share * picture).backward()
             optimizer.step()
             schedule.step()
-            total += float(loss.detach())
-            if schedule.last_epoch % 50 == 0:
-                print(f"step {schedule.last_epoch}: loss {float(loss.detach()):.3f}", flush=True)
+            total += geometry.item(), picture.item()
         torch.save(
             {name: part.state_dict() for name, part in parts.items()}
             | {"epochs": epoch + 1, "recipe": asdict(recipe)},
             checkpoint,
         )
-        yield epoch + 1, total / per_epoch, copy.deepcopy(network).eval()
+        yield epoch + 1, tuple(total / per_epoch), copy.deepcopy(trainee.network).eval()
 
 
 @torch.no_grad()

@@ -18,37 +18,53 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from features.export import export
-from features.frames import NO_LEAD_GAP_M, Frames, draw
+from features.frames import Frames, draw
+from features.geometry import NAMES, SEEN_GAP_M, Bends, geometry
 from features.network import MEAN, STD, CompactResNet, Recipe, features, probe, train
 
 NAME = "lane-compact-resnet"
 FRAMES = {"train": (24_000, 10_000_000), "probe": (6_000, 20_000_000), "test": (4_096, 30_000_000)}
 """Frames, and the first seed of their episodes: three kinds that share none."""
-SEEN_GAP_M = 25.0
-"""The car ahead is probed up to here; further away it has three pixels."""
+SEEN = ("lateral_error_m", "heading_error_rad", "lead_gap_m")
+"""What the features should tell."""
+HIDDEN = ("velocity_along_mps", "past_throttle", "past_steer")
+"""What a single frame should not reveal beyond what the pose lets one guess."""
+PROBE_EVERY = 4
 
 
 def probes(network: CompactResNet, fit: Frames, test: Frames) -> dict[str, float]:
     """R² on held-out frames of what a linear map of the features says of each quantity."""
     x, x_test = features(network, fit.pixels), features(network, test.pixels)
     report: dict[str, float] = {}
-    for name in (
-        "lateral_error_m",
-        "heading_error_rad",
-        "lead_gap_m",
-        "velocity_along_mps",
-        "past_throttle",
-        "past_steer",
-    ):
+    for name in (*SEEN, *HIDDEN):
         y, y_test = fit.shown[name].astype(float), test.shown[name].astype(float)
         rows, rows_test = np.ones(len(y), bool), np.ones(len(y_test), bool)
         if name == "lead_gap_m":
             rows, rows_test = y < SEEN_GAP_M, y_test < SEEN_GAP_M
-            assert SEEN_GAP_M < NO_LEAD_GAP_M
         report[name] = probe((x[rows], y[rows]), (x_test[rows_test], y_test[rows_test]))
     return report
+
+
+def of_the_pose(fit: Frames, test: Frames) -> dict[str, float]:
+    """R² of the same linear regression of what is hidden on the geometry: what any features say."""
+
+    def known(frames: Frames) -> NDArray[np.float64]:
+        table = geometry(frames.shown, Bends(fit.shown)).astype(float)
+        return np.where(np.isnan(table), 0, table)
+
+    x, x_test = known(fit), known(test)
+    return {
+        name: probe((x, fit.shown[name].astype(float)), (x_test, test.shown[name].astype(float)))
+        for name in HIDDEN
+    }
+
+
+def rounded(report: dict[str, float]) -> str:
+    """For people."""
+    return json.dumps({name: round(value, 3) for name, value in report.items()})
 
 
 def main() -> None:
@@ -71,18 +87,20 @@ def main() -> None:
         print(f"{kind}: {len(frames[kind].pixels)} frames", flush=True)
     recipe = Recipe(epochs=arguments.epochs)
     torch.manual_seed(recipe.seed)
-    network = CompactResNet(recipe.width)
-    random_weights = probes(network, frames["probe"], frames["test"])
-    print("random weights", json.dumps(random_weights), flush=True)
-    trained = random_weights
-    begin = time.process_time()
-    for epoch, loss, network in train(
-        frames["train"].pixels, recipe, arguments.work / "checkpoint.pt"
+    untrained = CompactResNet(recipe.width)
+    random_weights = probes(untrained, frames["probe"], frames["test"])
+    print("random weights", rounded(random_weights), flush=True)
+    taught = frames["train"]
+    shown = geometry(taught.shown, Bends(taught.shown))
+    begin, network = time.process_time(), untrained
+    for epoch, losses, network in train(
+        taught.pixels, shown, recipe, arguments.work / "checkpoint.pt"
     ):
-        trained = probes(network, frames["probe"], frames["test"])
         minutes = (time.process_time() - begin) / 60
-        print(f"epoch {epoch}: loss {loss:.3f}, {minutes:.1f} core minutes", end=" ")
-        print(json.dumps({name: round(value, 3) for name, value in trained.items()}), flush=True)
+        text = ", ".join(f"{loss:.4f}" for loss in losses)
+        print(f"epoch {epoch}: losses {text}, {minutes:.1f} core minutes", flush=True)
+        if epoch % PROBE_EVERY == 0 and epoch < recipe.epochs:
+            print(rounded(probes(network, frames["probe"], frames["test"])), flush=True)
     path = arguments.out / f"{NAME}.onnx"
     sha256 = export(network, path, name=NAME, side_px=48, mean=MEAN, std=STD)
     card = {
@@ -91,10 +109,13 @@ def main() -> None:
         "bytes": path.stat().st_size,
         "parameters": sum(parameter.numel() for parameter in network.parameters()),
         "features": network.size,
+        "objective": "the geometry that a single frame shows, and the frame itself (regression)",
+        "taught": NAMES,
         "recipe": asdict(recipe),
         "frames": {kind: {"count": n, "first_seed": seed} for kind, (n, seed) in FRAMES.items()},
-        "linear_probe_r2": trained,
+        "linear_probe_r2": probes(network, frames["probe"], frames["test"]),
         "linear_probe_r2_of_random_weights": random_weights,
+        "r2_of_the_pose_itself": of_the_pose(frames["probe"], frames["test"]),
     }
     path.with_suffix(".json").write_text(json.dumps(card, indent=2) + "\n")
     print(json.dumps(card, indent=2))

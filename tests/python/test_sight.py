@@ -112,6 +112,20 @@ def test_neither_neighbours_nor_threads_nor_open_loops_show_in_what_is_seen(
         np.testing.assert_array_equal(envs.step_open_loop(actions(5)).observations, later)
 
 
+def test_what_rollouts_see_does_not_depend_on_how_many_are_played_together(server: str) -> None:
+    """Features are made of several pictures at once, where several episodes are played."""
+    played_together = [
+        palr_gym.collect("lane-w2", "random", episodes=5, seed=7, num_envs=num_envs, server=server)
+        for num_envs in (1, 2, 5)
+    ]
+    first = played_together[0]
+    assert len(np.unique(first.observations, axis=0)) > len(first.observations) // 2
+    for other in played_together[1:]:
+        np.testing.assert_array_equal(other.observations, first.observations)
+        np.testing.assert_array_equal(other.next_observations, first.next_observations)
+        np.testing.assert_array_equal(other.rewards, first.rewards)
+
+
 def test_the_last_picture_of_an_episode_comes_beside_the_first_of_the_next(server: str) -> None:
     row = np.ones((3, 2), np.float32)
     with (

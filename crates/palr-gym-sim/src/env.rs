@@ -302,8 +302,9 @@ impl Env {
         Ok(())
     }
 
-    /// From now on features come through [`take_features`](Self::take_features).
-    pub(crate) fn leave_features(&mut self) {
+    /// From now on somebody else brings the features of its pictures: a
+    /// [`Onlooker`](crate::Onlooker). Until it has, the observation is that of the step before.
+    pub fn leave_features(&mut self) {
         self.leaves_features = true;
     }
 

@@ -31,7 +31,7 @@ pub use divergence::Divergence;
 pub use env::{Env, Transition};
 pub use error::SimError;
 pub use parts::{Part, Parts};
-pub use sight::{ExtractorError, FeatureExtractor, Sight};
+pub use sight::{ExtractorError, FeatureExtractor, Onlooker, Sight};
 pub use snapshot::{Snapshot, SnapshotError};
 pub use tasks::{Task, resolve, resolve_scene};
 pub use threads::{Job, SimulationThreads};

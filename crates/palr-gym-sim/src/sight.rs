@@ -9,11 +9,12 @@ use std::sync::Arc;
 use palr_gym_core::spec::PIXELS_SIDE;
 use palr_gym_core::{EnvSpec, ObservationKind};
 
+use crate::env::Env;
 use crate::error::SimError;
 use crate::render::GlChoice;
 
 /// Pictures of which features are asked for at once.
-pub(crate) const MAX_BATCH: usize = 32;
+const MAX_BATCH: usize = 32;
 
 /// Makes features of pictures.
 ///
@@ -96,6 +97,69 @@ impl Sight {
             (ObservationKind::Features { .. }, Some(extractor)) => extractor.crc(),
             _ => 0,
         }
+    }
+}
+
+/// Sees for several environments at once: what a thread steps together, it looks at together.
+#[derive(Debug, Default)]
+pub struct Onlooker {
+    /// Pictures whose features are asked for, and these.
+    pictures: Vec<u8>,
+    features: Vec<f32>,
+}
+
+impl Onlooker {
+    /// How many of `num_envs` environments one of `threads` threads best looks at together: each
+    /// has a share.
+    #[must_use]
+    pub fn share(num_envs: usize, threads: usize) -> usize {
+        num_envs.div_ceil(threads.max(1)).clamp(1, MAX_BATCH)
+    }
+
+    /// Brings the features of all new pictures into the stacks of environments that leave that to
+    /// others ([`Env::leave_features`]). `unseen` hears of those of whose picture there are none:
+    /// their episode is over.
+    pub fn see<T>(
+        &mut self,
+        places: &mut [T],
+        env: impl Fn(&mut T) -> &mut Env,
+        mut unseen: impl FnMut(usize, &mut T, &ExtractorError),
+    ) -> Option<ExtractorError> {
+        let Self { pictures, features } = self;
+        pictures.clear();
+        let mut count = 0;
+        for place in &mut *places {
+            if let Some(picture) = env(place).pending_picture() {
+                pictures.extend_from_slice(picture);
+                count += 1;
+            }
+        }
+        if count == 0 {
+            return None;
+        }
+        let together = env(places.first_mut()?).extract(pictures, count, features);
+        let size = features.len() / count;
+        let (mut row, mut failure) = (0, None);
+        for (i, place) in places.iter_mut().enumerate() {
+            let one = env(place);
+            let Some(picture) = one.pending_picture() else { continue };
+            if together.is_ok() {
+                one.take_features(&features[row * size..(row + 1) * size]);
+                row += 1;
+                continue;
+            }
+            // One of them spoils the rest: who is it?
+            match one.extract(picture, 1, features) {
+                Ok(()) => one.take_features(features),
+                Err(error) => {
+                    one.unseen(&error);
+                    one.forget_picture();
+                    unseen(i, place, &error);
+                    failure = Some(error);
+                }
+            }
+        }
+        failure
     }
 }
 

@@ -12,7 +12,7 @@ use crate::env::Env;
 use crate::error::SimError;
 use crate::parts::Parts;
 use crate::render::{GlChoice, View};
-use crate::sight::{MAX_BATCH, Sight};
+use crate::sight::{Onlooker, Sight};
 use crate::tasks::Task;
 use crate::threads::SimulationThreads;
 
@@ -84,7 +84,7 @@ impl VectorEnv {
         let leaves_features = matches!(spec.observation, ObservationKind::Features { .. });
         if leaves_features {
             // A piece asks for the features of its environments at once; each thread has a share.
-            piece_len = piece_len.max(num_envs.div_ceil(threads.count()).min(MAX_BATCH));
+            piece_len = piece_len.max(Onlooker::share(num_envs, threads.count()));
         }
         let mut pieces = Vec::with_capacity(num_envs.div_ceil(piece_len));
         for begin in (0..num_envs).step_by(piece_len) {

@@ -2,9 +2,8 @@
 
 use palr_gym_core::{ActionMode, EnvSpec, tanh_gaussian};
 use palr_gym_onnx::{OnnxError, Policy, PolicyLimits, PolicyOutput};
-use palr_gym_sim::Parts;
 
-use super::play::{Log, Seat};
+use super::play::{Log, Seats};
 use crate::error::ServerError;
 use crate::experts::{self, expert, sha256};
 
@@ -98,55 +97,49 @@ impl Actor {
     }
 
     /// Fills the actions of every slot that is playing.
-    pub(super) fn act<L: Log>(&mut self, seats: &Parts<Seat<L>>) -> Result<(), ServerError> {
+    pub(super) fn act<L: Log>(&mut self, seats: &Seats<L>) -> Result<(), ServerError> {
         match self {
-            Self::Random => {
-                for mut seat in seats.iter().filter(|seat| seat.slot.is_playing()) {
-                    let slot = &mut seat.slot;
-                    for entry in &mut slot.action {
-                        *entry = slot.generator.uniform(-1.0, 1.0) as f32;
-                    }
+            Self::Random => seats.try_playing(|_, slot| {
+                for entry in &mut slot.action {
+                    *entry = slot.generator.uniform(-1.0, 1.0) as f32;
                 }
                 Ok(())
-            }
-            Self::Controller => {
-                for mut seat in seats.iter().filter(|seat| seat.slot.is_playing()) {
-                    let slot = &mut seat.slot;
-                    if !slot.env.controller(&mut slot.action) {
-                        return Err(ServerError::Internal("a task lost its controller".into()));
-                    }
+            }),
+            Self::Controller => seats.try_playing(|_, slot| {
+                if slot.env.controller(&mut slot.action) {
+                    Ok(())
+                } else {
+                    Err(ServerError::Internal("a task lost its controller".into()))
                 }
-                Ok(())
-            }
+            }),
             Self::Model(model) => model.act(seats),
         }
     }
 }
 
 impl ModelActor {
-    fn act<L: Log>(&mut self, seats: &Parts<Seat<L>>) -> Result<(), ServerError> {
+    fn act<L: Log>(&mut self, seats: &Seats<L>) -> Result<(), ServerError> {
+        let size = self.observation_size;
         self.observations.clear();
-        self.observations.resize(seats.len() * self.observation_size, 0.0);
-        let rows = self.observations.chunks_exact_mut(self.observation_size);
-        for (seat, row) in seats.iter().zip(rows).filter(|(seat, _)| seat.slot.is_playing()) {
-            let slot = &seat.slot;
+        self.observations.resize(seats.len() * size, 0.0);
+        seats.try_playing(|row, slot| {
             let observation = if self.sees_full_observation {
                 slot.env.full_observation()
             } else {
                 slot.env.observation()
             };
+            let row = &mut self.observations[row * size..(row + 1) * size];
             for (entry, &value) in row.iter_mut().zip(observation) {
                 *entry = value as f32;
             }
-        }
+            Ok(())
+        })?;
         let output = self
             .policy
             .act(&self.observations, seats.len())
             .map_err(|source| blame(source, seats))?;
         let size = output.action.len() / seats.len();
-        let playing = seats.iter().enumerate().filter(|(_, seat)| seat.slot.is_playing());
-        for (row, mut seat) in playing {
-            let slot = &mut seat.slot;
+        seats.try_playing(|row, slot| {
             let range = row * size..(row + 1) * size;
             match (&output, self.action_mode) {
                 (
@@ -166,18 +159,23 @@ impl ModelActor {
                     }
                 }
             }
-        }
-        Ok(())
+            Ok(())
+        })
     }
 }
 
 /// Says in which episode and step a policy failed, if the failing row is one of a playing slot.
-fn blame<L: Log>(source: OnnxError, seats: &Parts<Seat<L>>) -> ServerError {
-    let seat = match &source {
-        OnnxError::NotFinite { row, .. } => (*row < seats.len()).then(|| seats.get(*row)),
-        _ => seats.iter().find(|seat| seat.slot.is_playing()),
+fn blame<L: Log>(source: OnnxError, seats: &Seats<L>) -> ServerError {
+    let failing = match &source {
+        OnnxError::NotFinite { row, .. } => Some(*row),
+        _ => None,
     };
-    match seat.and_then(|seat| seat.slot.episode.map(|episode| (episode, seat.slot.length))) {
+    let place = seats.find(|index, seat| {
+        let slot = &seat.slot;
+        let is_it = failing.map_or(slot.is_playing(), |row| row == index);
+        is_it.then(|| slot.episode.map(|episode| (episode, slot.length)))
+    });
+    match place.flatten() {
         Some((episode, step)) => ServerError::PolicyInEpisode { episode, step, source },
         None => ServerError::Policy(source),
     }

@@ -2,9 +2,11 @@
 
 use std::sync::Arc;
 
-use palr_gym_core::EnvSpec;
 use palr_gym_core::random::Generator;
-use palr_gym_sim::{Env, Part, Parts, Sight, SimError, SimulationThreads, Task, Transition};
+use palr_gym_core::{EnvSpec, ObservationKind};
+use palr_gym_sim::{
+    Divergence, Env, Onlooker, Part, Parts, Sight, SimError, SimulationThreads, Task, Transition,
+};
 use tokio_util::sync::CancellationToken;
 
 use super::actor::Actor;
@@ -106,7 +108,7 @@ pub(super) trait Observer {
     fn ended(&mut self, slot: &Slot, transition: Transition, log: Self::Log) -> bool;
 }
 
-/// A slot with its log: what a simulation thread works on.
+/// A slot with its log.
 pub(super) struct Seat<L> {
     pub(super) slot: Slot,
     log: L,
@@ -115,6 +117,22 @@ pub(super) struct Seat<L> {
     transition: Option<Transition>,
     /// Why an episode could not begin.
     failure: Option<SimError>,
+}
+
+impl<L: Log> Seat<L> {
+    fn new(env: Env, spec: &EnvSpec) -> Self {
+        let slot = Slot {
+            env,
+            episode: None,
+            generator: Generator::from_seed(0),
+            action: vec![0.0; spec.action_size()],
+            action_log_prob: None,
+            info: vec![0.0; spec.task.info_names.len()],
+            length: 0,
+            episode_return: 0.0,
+        };
+        Self { slot, log: L::default(), order: Order::Rest, transition: None, failure: None }
+    }
 }
 
 /// What a simulation thread does with a seat. Episodes begin there too: it draws what agents see.
@@ -128,14 +146,137 @@ enum Order {
     Step,
 }
 
-impl<L: Log> Part for Seat<L> {
+/// Neighbouring seats: what a simulation thread works on at a time, and looks at together.
+struct Bench<L> {
+    seats: Vec<Seat<L>>,
+    onlooker: Onlooker,
+}
+
+impl<L: Log> Part for Bench<L> {
     fn work(&mut self) {
-        let Self { slot, log, order, transition, failure } = self;
-        *transition = None;
-        match *order {
-            Order::Rest => {}
-            Order::Reset(seed) => *failure = slot.env.reset(Some(seed)).err(),
-            Order::Step => *transition = slot.is_playing().then(|| step(slot, log)),
+        let Self { seats, onlooker } = self;
+        for Seat { slot, log, order, transition, failure } in &mut *seats {
+            *transition = None;
+            match *order {
+                Order::Rest => {}
+                Order::Reset(seed) => *failure = slot.env.reset(Some(seed)).err(),
+                Order::Step => {
+                    *transition = slot.is_playing().then(|| {
+                        log.before_step(slot);
+                        slot.env.step(&slot.action, &mut slot.info)
+                    });
+                }
+            }
+        }
+        onlooker.see(
+            seats,
+            |seat| &mut seat.slot.env,
+            |_, Seat { slot, transition, failure, .. }, error| {
+                if transition.is_none() {
+                    *failure = Some(error.clone().into());
+                    return;
+                }
+                slot.info.fill(f64::NAN);
+                let divergence = Some(Divergence::Unseen);
+                *transition = Some(Transition {
+                    reward: 0.0,
+                    terminated: false,
+                    truncated: true,
+                    divergence,
+                });
+            },
+        );
+        for Seat { slot, log, transition, .. } in seats {
+            if let Some(transition) = *transition {
+                slot.length += 1;
+                slot.episode_return += transition.reward;
+                log.after_step(slot, transition);
+            }
+        }
+    }
+}
+
+/// All seats, in benches that the simulation threads share.
+pub(super) struct Seats<L: Log> {
+    benches: Parts<Bench<L>>,
+    len: usize,
+}
+
+impl<L: Log> Seats<L> {
+    fn new(plan: &Plan) -> Result<Self, SimError> {
+        // Only features are better made together; else every seat is a part of its own.
+        let leaves_features = matches!(plan.spec.observation, ObservationKind::Features { .. });
+        let share =
+            if leaves_features { Onlooker::share(plan.num_envs, plan.threads.count()) } else { 1 };
+        let mut seats = Vec::with_capacity(plan.num_envs);
+        for _ in 0..plan.num_envs {
+            let mut env = Env::seeing(plan.task, &plan.spec, &plan.sight)?;
+            if leaves_features {
+                env.leave_features();
+            }
+            seats.push(Seat::new(env, &plan.spec));
+        }
+        let mut benches = Vec::with_capacity(plan.num_envs.div_ceil(share));
+        while !seats.is_empty() {
+            let rest = seats.split_off(share.min(seats.len()));
+            benches.push(Bench { seats, onlooker: Onlooker::default() });
+            seats = rest;
+        }
+        Ok(Self { benches: Parts::new(benches, plan.threads.clone()), len: plan.num_envs })
+    }
+
+    /// How many there are.
+    pub(super) fn len(&self) -> usize {
+        self.len
+    }
+
+    /// Shows `look` the seats with their indices, in order, until it has found something.
+    pub(super) fn find<R>(
+        &self,
+        mut look: impl FnMut(usize, &mut Seat<L>) -> Option<R>,
+    ) -> Option<R> {
+        let mut index = 0;
+        for mut bench in self.benches.iter() {
+            for seat in &mut bench.seats {
+                let found = look(index, seat);
+                if found.is_some() {
+                    return found;
+                }
+                index += 1;
+            }
+        }
+        None
+    }
+
+    /// Shows `look` every slot that is playing, with its index, in order, until one is an error.
+    ///
+    /// # Errors
+    /// That of `look`.
+    pub(super) fn try_playing(
+        &self,
+        mut look: impl FnMut(usize, &mut Slot) -> Result<(), ServerError>,
+    ) -> Result<(), ServerError> {
+        let failed = self.find(|index, seat| {
+            seat.slot.is_playing().then(|| look(index, &mut seat.slot).err()).flatten()
+        });
+        failed.map_or(Ok(()), Err)
+    }
+
+    fn count_playing(&self) -> usize {
+        let mut playing = 0;
+        self.order(|seat| {
+            playing += usize::from(seat.slot.is_playing());
+            seat.order
+        });
+        playing
+    }
+
+    /// Gives every seat its order.
+    fn order(&self, mut order: impl FnMut(&mut Seat<L>) -> Order) {
+        for mut bench in self.benches.iter() {
+            for seat in &mut bench.seats {
+                seat.order = order(seat);
+            }
         }
     }
 }
@@ -149,79 +290,61 @@ pub(super) fn play<O: Observer>(
     actor: &mut Actor,
     observer: &mut O,
 ) -> Result<(), ServerError> {
-    let seats = (0..plan.num_envs)
-        .map(|_| {
-            let slot = Slot {
-                env: Env::seeing(plan.task, &plan.spec, &plan.sight)?,
-                episode: None,
-                generator: Generator::from_seed(0),
-                action: vec![0.0; plan.spec.action_size()],
-                action_log_prob: None,
-                info: vec![0.0; plan.spec.task.info_names.len()],
-                length: 0,
-                episode_return: 0.0,
-            };
-            let (log, order) = (O::Log::default(), Order::Rest);
-            Ok(Seat { slot, log, order, transition: None, failure: None })
-        })
-        .collect::<Result<Vec<_>, ServerError>>()?;
-    let mut seats = Parts::new(seats, plan.threads.clone());
+    let mut seats = Seats::<O::Log>::new(plan)?;
     loop {
         if plan.cancelled.is_cancelled() {
             return Err(ServerError::Cancelled);
         }
         start_episodes(plan, &mut seats, observer)?;
-        if !seats.iter().any(|seat| seat.slot.is_playing()) {
+        if seats.count_playing() == 0 {
             return Ok(());
         }
         actor.act(&seats)?;
-        seats.iter().for_each(|mut seat| seat.order = Order::Step);
-        seats.work();
-        for mut seat in seats.iter() {
-            let Seat { slot, log, transition, .. } = &mut *seat;
-            let Some(transition) = transition.filter(Transition::is_last) else { continue };
+        seats.order(|_| Order::Step);
+        seats.benches.work();
+        let stopped = seats.find(|_, Seat { slot, log, transition, .. }| {
+            let transition = transition.filter(Transition::is_last)?;
             if !observer.ended(slot, transition, std::mem::take(log)) {
-                return Ok(());
+                return Some(());
             }
             slot.episode = None;
+            None
+        });
+        if stopped.is_some() {
+            return Ok(());
         }
     }
 }
 
 fn start_episodes<O: Observer>(
     plan: &Plan,
-    seats: &mut Parts<Seat<O::Log>>,
+    seats: &mut Seats<O::Log>,
     observer: &mut O,
 ) -> Result<(), ServerError> {
-    let playing = seats.iter().filter(|seat| seat.slot.is_playing()).count();
-    let mut starts_any = false;
-    seats.iter().for_each(|mut seat| seat.order = Order::Rest);
-    let free = seats.iter().filter(|seat| !seat.slot.is_playing());
-    for (playing, mut seat) in (playing..).zip(free) {
-        let Some(index) = observer.next_episode(playing) else { break };
-        let seed = plan.seed_of(index);
-        seat.order = Order::Reset(seed);
+    let mut playing = seats.count_playing();
+    let (mut starts_any, mut has_more) = (false, true);
+    seats.order(|Seat { slot, .. }| {
+        if slot.is_playing() || !has_more {
+            return Order::Rest;
+        }
+        let Some(index) = observer.next_episode(playing) else {
+            has_more = false;
+            return Order::Rest;
+        };
+        playing += 1;
         starts_any = true;
-        let slot = &mut seat.slot;
+        let seed = plan.seed_of(index);
         slot.episode = Some(index);
         slot.generator = Generator::from_seed_and_stream(seed, STREAM_OF_ACTIONS);
         slot.length = 0;
         slot.episode_return = 0.0;
-    }
+        Order::Reset(seed)
+    });
     if starts_any {
-        seats.work();
+        seats.benches.work();
     }
-    match seats.iter().find_map(|mut seat| seat.failure.take()) {
+    match seats.find(|_, seat| seat.failure.take()) {
         Some(error) => Err(error.into()),
         None => Ok(()),
     }
-}
-
-fn step<L: Log>(slot: &mut Slot, log: &mut L) -> Transition {
-    log.before_step(slot);
-    let transition = slot.env.step(&slot.action, &mut slot.info);
-    slot.length += 1;
-    slot.episode_return += transition.reward;
-    log.after_step(slot, transition);
-    transition
 }

@@ -9,7 +9,7 @@ use crate::divergence::Divergence;
 use crate::env::{Env, Transition};
 use crate::error::SimError;
 use crate::parts::Part;
-use crate::sight::ExtractorError;
+use crate::sight::{ExtractorError, Onlooker};
 
 /// One environment in the vector, with what autoreset needs to know.
 pub(super) struct Slot {
@@ -46,9 +46,7 @@ pub(super) struct Piece {
     pub(super) frame: StepFrame,
     /// Why a reset failed.
     pub(super) failure: Option<SimError>,
-    /// Pictures whose features are asked for, and these.
-    pictures: Vec<u8>,
-    features: Vec<f32>,
+    onlooker: Onlooker,
     spec: Arc<EnvSpec>,
     mode: AutoresetMode,
 }
@@ -61,8 +59,7 @@ impl Piece {
             actions: Vec::new(),
             frame: StepFrame::default(),
             failure: None,
-            pictures: Vec::new(),
-            features: Vec::new(),
+            onlooker: Onlooker::default(),
             spec,
             mode,
         }
@@ -132,41 +129,15 @@ impl Piece {
     /// Brings the features of all new pictures into the stacks; `on_failure` hears of slots of whose
     /// picture there are none, and whose episode is therefore over.
     fn see(&mut self, mut on_failure: impl FnMut(&mut StepFrame, usize)) -> Option<ExtractorError> {
-        let Self { slots, frame, pictures, features, .. } = self;
-        pictures.clear();
-        let mut count = 0;
-        for slot in slots.iter() {
-            if let Some(picture) = slot.env.pending_picture() {
-                pictures.extend_from_slice(picture);
-                count += 1;
-            }
-        }
-        if count == 0 {
-            return None;
-        }
-        let together = slots[0].env.extract(pictures, count, features);
-        let size = features.len() / count;
-        let (mut row, mut failure) = (0, None);
-        for (i, slot) in slots.iter_mut().enumerate() {
-            let Some(picture) = slot.env.pending_picture() else { continue };
-            if together.is_ok() {
-                slot.env.take_features(&features[row * size..(row + 1) * size]);
-                row += 1;
-                continue;
-            }
-            // One of them spoils the rest: who is it?
-            match slot.env.extract(picture, 1, features) {
-                Ok(()) => slot.env.take_features(features),
-                Err(error) => {
-                    slot.env.unseen(&error);
-                    slot.env.forget_picture();
-                    slot.is_over = true;
-                    failure = Some(error);
-                    on_failure(frame, i);
-                }
-            }
-        }
-        failure
+        let Self { slots, frame, onlooker, .. } = self;
+        onlooker.see(
+            slots,
+            |slot| &mut slot.env,
+            |i, slot, _| {
+                slot.is_over = true;
+                on_failure(frame, i);
+            },
+        )
     }
 }
 
