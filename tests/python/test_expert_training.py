@@ -121,6 +121,9 @@ def test_a_stopped_or_killed_run_goes_on_and_what_it_exports_is_whole(tmp_path: 
     outcome = json.loads(output)
     assert not outcome["is_complete"]
     assert outcome["counters"]["resumed"] == 1
+    replay = safetensors.load_file(folder / "replay.safetensors")
+    assert replay["rewards"].shape == replay["continues"].shape
+    assert len(replay["observations"]) == 11 * len(replay["rewards"]) > 0
 
     steps = [json.loads(row)["step"] for row in (folder / "metrics.jsonl").read_text().splitlines()]
     assert steps == sorted(set(steps))

@@ -4,7 +4,7 @@
 //! - [`settings`]: what decides a run.
 //! - [`agent`]: the networks and their update; [`actor`], [`critic`] and [`mlp`] are its parts.
 //! - [`replay`], [`collector`]: transitions, and the environments that they come from.
-//! - [`run`]: the loop, in a folder of its own; [`checkpoint`] is how it survives being killed.
+//! - [`run`]: the loop, in a folder of its own, with its [`records`]; [`checkpoint`] is how it survives being killed.
 //! - [`export`]: the finished policy; [`card`]: what is known about it; [`fitness`]: whether it can be
 //!   imitated.
 //!
@@ -21,6 +21,7 @@ pub mod critic;
 pub mod export;
 pub mod fitness;
 pub mod mlp;
+pub mod records;
 pub mod replay;
 pub mod run;
 pub mod settings;

@@ -42,7 +42,7 @@ struct Rule {
 }
 
 /// Transitions to learn from.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct Batch {
     /// `[n, observation size]`.
     pub observations: Vec<f32>,
@@ -54,6 +54,31 @@ pub struct Batch {
     pub next_observations: Vec<f32>,
     /// `[n]`: 0 where the task ended the episode, else 1; a time limit ends nothing.
     pub continues: Vec<f32>,
+}
+
+impl Batch {
+    /// Its arrays with their names in files, in the order of their fields.
+    #[must_use]
+    pub fn arrays(&self) -> [(&'static str, &[f32]); 5] {
+        [
+            ("observations", &self.observations),
+            ("actions", &self.actions),
+            ("rewards", &self.rewards),
+            ("next_observations", &self.next_observations),
+            ("continues", &self.continues),
+        ]
+    }
+
+    /// As [`Self::arrays`].
+    pub fn arrays_mut(&mut self) -> [(&'static str, &mut Vec<f32>); 5] {
+        [
+            ("observations", &mut self.observations),
+            ("actions", &mut self.actions),
+            ("rewards", &mut self.rewards),
+            ("next_observations", &mut self.next_observations),
+            ("continues", &mut self.continues),
+        ]
+    }
 }
 
 /// Normal numbers of an update, `[n, action size]` each.

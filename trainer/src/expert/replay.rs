@@ -1,8 +1,31 @@
 //! Transitions to learn from, the newest of a run.
 
+use std::collections::HashMap;
+use std::fs;
+use std::path::Path;
+
 use palr_gym_core::random::Generator;
+use safetensors::tensor::{Dtype, SafeTensors, TensorView, serialize};
+use serde::{Deserialize, Serialize};
 
 use crate::expert::agent::Batch;
+use crate::learning::checkpoint::write_whole;
+use crate::learning::error::TrainError;
+
+/// The metadata entry of a file that holds a [`Header`].
+const HEADER: &str = "palr_gym_replay";
+
+/// What a file's transitions are of.
+#[derive(Debug, PartialEq, Eq, Serialize, Deserialize)]
+struct Header {
+    /// Transitions that the run had collected.
+    step: u64,
+    capacity: usize,
+    observation_size: usize,
+    action_size: usize,
+    next: usize,
+    len: usize,
+}
 
 /// A ring of transitions.
 #[derive(Debug, Clone)]
@@ -37,6 +60,68 @@ impl Replay {
     pub fn new(observation_size: usize, action_size: usize, capacity: usize) -> Self {
         let contents = Batch::default();
         Self { observation_size, action_size, capacity, next: 0, len: 0, contents }
+    }
+
+    /// Writes it to the file at `path`, as that of a run at `step`.
+    ///
+    /// # Errors
+    /// [`TrainError::File`].
+    pub fn write(&self, path: &Path, step: u64) -> Result<(), TrainError> {
+        let failed = |error: &dyn std::fmt::Display| TrainError::file(path, error);
+        let header = serde_json::to_string(&self.header(step)).map_err(|error| failed(&error))?;
+        let views = self.contents.arrays().map(|(name, array)| {
+            let view = TensorView::new(Dtype::F32, vec![array.len()], bytemuck::cast_slice(array))?;
+            Ok::<_, safetensors::SafeTensorError>((name, view))
+        });
+        let views = views.into_iter().collect::<Result<Vec<_>, _>>();
+        let views = views.map_err(|error| failed(&error))?;
+        let metadata = HashMap::from([(HEADER.to_owned(), header)]);
+        write_whole(path, &serialize(views, Some(metadata)).map_err(|error| failed(&error))?)
+    }
+
+    /// What [`Self::write`] left at `path`; false, and nothing changed, if no file is there or it is
+    /// of another step or of other sizes.
+    ///
+    /// # Errors
+    /// [`TrainError::File`] if it cannot be read.
+    pub fn read(&mut self, path: &Path, step: u64) -> Result<bool, TrainError> {
+        let bytes = match fs::read(path) {
+            Ok(bytes) => bytes,
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(false),
+            Err(error) => return Err(TrainError::file(path, error)),
+        };
+        let failed = |error: &dyn std::fmt::Display| {
+            TrainError::file(path, format!("is no replay: {error}"))
+        };
+        let (_, metadata) = SafeTensors::read_metadata(&bytes).map_err(|error| failed(&error))?;
+        let header = metadata.metadata().as_ref().and_then(|metadata| metadata.get(HEADER));
+        let header = header.ok_or_else(|| failed(&"it has no header"))?;
+        let header: Header = serde_json::from_str(header).map_err(|error| failed(&error))?;
+        let Header { next, len, .. } = header;
+        if header != (Header { next, len, ..self.header(step) }) {
+            return Ok(false);
+        }
+        let tensors = SafeTensors::deserialize(&bytes).map_err(|error| failed(&error))?;
+        let mut contents = Batch::default();
+        let widths = [self.observation_size, self.action_size, 1, self.observation_size, 1];
+        for ((name, array), width) in contents.arrays_mut().into_iter().zip(widths) {
+            let view = tensors.tensor(name).map_err(|error| failed(&error))?;
+            if view.dtype() != Dtype::F32 || view.shape() != [len * width] {
+                let got = format!("{name} is {:?} {:?}", view.dtype(), view.shape());
+                return Err(failed(&format!("{got}; expected F32 [{}]", len * width)));
+            }
+            *array = bytemuck::pod_collect_to_vec(view.data());
+        }
+        if len > self.capacity || next >= self.capacity || (len < self.capacity && next != len) {
+            return Err(failed(&format!("{len} transitions, the next at {next}")));
+        }
+        (self.contents, self.next, self.len) = (contents, next, len);
+        Ok(true)
+    }
+
+    fn header(&self, step: u64) -> Header {
+        let Self { capacity, observation_size, action_size, next, len, .. } = *self;
+        Header { step, capacity, observation_size, action_size, next, len }
     }
 
     /// Transitions in it.
@@ -99,10 +184,9 @@ fn take(rows: &[f32], width: usize, at: usize, out: &mut Vec<f32>) {
 mod tests {
     use super::*;
 
-    #[test]
-    fn the_oldest_go_first_and_rows_stay_together() {
+    fn filled(count: usize) -> Replay {
         let mut replay = Replay::new(2, 1, 5);
-        for at in 0..8 {
+        for at in 0..count {
             let value = at as f32;
             replay.push(Transition {
                 observation: &[value, -value],
@@ -112,6 +196,34 @@ mod tests {
                 terminated: at == 6,
             });
         }
+        replay
+    }
+
+    #[test]
+    fn a_file_holds_all_of_it_for_the_step_that_it_was_written_at() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("replay");
+        let mut empty = Replay::new(2, 1, 5);
+        assert!(!empty.read(&path, 8).unwrap());
+        for count in [3, 5, 8] {
+            let whole = filled(count);
+            whole.write(&path, 8).unwrap();
+            let mut got = Replay::new(2, 1, 5);
+            assert!(!got.read(&path, 9).unwrap() && got.is_empty());
+            assert!(got.read(&path, 8).unwrap());
+            assert_eq!((got.contents, got.next, got.len), (whole.contents, whole.next, whole.len));
+        }
+        assert!(!Replay::new(2, 1, 6).read(&path, 8).unwrap());
+        assert!(!Replay::new(3, 1, 5).read(&path, 8).unwrap());
+        let bytes = std::fs::read(&path).unwrap();
+        std::fs::write(&path, &bytes[..bytes.len() - 1]).unwrap();
+        let error = empty.read(&path, 8).unwrap_err().to_string();
+        assert!(error.contains("is no replay"), "{error}");
+    }
+
+    #[test]
+    fn the_oldest_go_first_and_rows_stay_together() {
+        let replay = filled(8);
         assert_eq!(replay.len(), 5);
         let mut batch = Batch::default();
         replay.draw(&mut Generator::from_seed(0), 200, &mut batch);

@@ -6,6 +6,7 @@
 //! | `expert.json` | settings and versions; written first |
 //! | `metrics.jsonl`, `evaluations.jsonl`, `tensorboard/` | its curves |
 //! | `checkpoint.safetensors` | where it goes on |
+//! | `replay.safetensors` | the transitions that it had when it was stopped |
 //! | `latest.onnx` | the newest policy that was evaluated |
 //! | `policy.onnx`, `policy.safetensors` | the best policy so far |
 //! | `card.json` | what is known about it, once it is finished |
@@ -27,10 +28,11 @@ use crate::expert::agent::{Agent, Batch, Losses, UpdateNoise};
 use crate::expert::checkpoint::{self, Best, Counters, Restored};
 use crate::expert::collector::Collector;
 use crate::expert::export::ExpertPolicy;
+use crate::expert::records::ExpertMetrics;
 use crate::expert::replay::Replay;
 use crate::expert::settings::ExpertSettings;
 use crate::imitate::manifest::Versions;
-use crate::imitate::records::{EVALUATIONS_FILE, EvaluationRecord, METRICS_FILE, Stepped, Track};
+use crate::imitate::records::{EVALUATIONS_FILE, EvaluationRecord, METRICS_FILE, Track};
 use crate::learning::checkpoint::write_whole;
 use crate::learning::noise::Normals;
 use crate::learning::streams::{Purpose, stream};
@@ -45,6 +47,8 @@ pub const CHECKPOINT_FILE: &str = "checkpoint.safetensors";
 pub const ONNX_FILE: &str = "policy.onnx";
 /// The same.
 pub const SAFETENSORS_FILE: &str = "policy.safetensors";
+/// Transitions of a run that was stopped: hundreds of megabytes, so not of each checkpoint.
+const REPLAY_FILE: &str = "replay.safetensors";
 const LATEST_FILE: &str = "latest.onnx";
 /// Seed of the first episode of each evaluation.
 pub const EVALUATION_SEED: u64 = 10_000;
@@ -56,48 +60,6 @@ pub struct ExpertManifest {
     pub settings: ExpertSettings,
     /// Who trained, and where.
     pub versions: Versions,
-}
-
-/// A line of `metrics.jsonl`: means over what happened since the line before.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct ExpertMetrics {
-    /// Transitions collected.
-    pub step: u64,
-    /// Updates.
-    pub updates: u64,
-    /// Undiscounted return of the episodes that ended; null if none did.
-    pub training_return: Option<f64>,
-    /// Sum of both critics' losses.
-    pub critic_loss: f64,
-    /// mean(α log π - value).
-    pub actor_loss: f64,
-    /// Mean value of the policy's actions.
-    pub value: f64,
-    /// Of the policy, in nats.
-    pub entropy: f64,
-    /// α.
-    pub temperature: f64,
-    /// Seconds that the run has taken in all.
-    pub wall_time_s: f64,
-}
-
-impl Stepped for ExpertMetrics {
-    fn step(&self) -> u64 {
-        self.step
-    }
-
-    fn scalars(&self) -> Vec<(String, f64)> {
-        let mut scalars = vec![
-            ("training/updates".into(), self.updates as f64),
-            ("training/critic_loss".into(), self.critic_loss),
-            ("training/actor_loss".into(), self.actor_loss),
-            ("training/value".into(), self.value),
-            ("training/entropy".into(), self.entropy),
-            ("training/temperature".into(), self.temperature),
-        ];
-        scalars.extend(self.training_return.map(|value| ("training/return".into(), value)));
-        scalars
-    }
 }
 
 /// What happens during a run, for whoever watches.
@@ -129,6 +91,8 @@ pub struct ExpertRun {
     run: Run,
     settings: ExpertSettings,
     restored: Option<Restored>,
+    /// Where the restored run's transitions may be.
+    replay_file: PathBuf,
 }
 
 impl ExpertRun {
@@ -153,7 +117,9 @@ impl ExpertRun {
             ),
             None => None,
         };
-        Self::prepare(Run::at(folder)?, restored, change)
+        let run = Run::at(folder)?;
+        let beside = from.and_then(Path::parent).unwrap_or(folder);
+        Self::prepare(run, restored, beside.join(REPLAY_FILE), change)
     }
 
     /// Goes on with the run in `folder`; its settings go through `change`.
@@ -171,12 +137,14 @@ impl ExpertRun {
         };
         let restored = checkpoint::read(&run.path(CHECKPOINT_FILE))?;
         let stored = manifest.settings;
-        Self::prepare(run, restored, |_| change(Some(stored)))
+        let replay_file = run.path(REPLAY_FILE);
+        Self::prepare(run, restored, replay_file, |_| change(Some(stored)))
     }
 
     fn prepare(
         run: Run,
         restored: Option<Restored>,
+        replay_file: PathBuf,
         change: impl FnOnce(Option<ExpertSettings>) -> Result<ExpertSettings, ClientError>,
     ) -> Result<Self, ClientError> {
         let stored = restored.as_ref().map(|restored| restored.settings.clone());
@@ -188,7 +156,7 @@ impl ExpertRun {
                 .into();
             return Err(ClientError::RunFolder { path: run.folder().into(), message });
         }
-        Ok(Self { run, settings, restored })
+        Ok(Self { run, settings, restored, replay_file })
     }
 
     /// The run's folder.
@@ -277,7 +245,7 @@ impl Training {
         handle: Handle,
         events: UnboundedSender<Event>,
     ) -> Result<Self, ClientError> {
-        let ExpertRun { run, settings, restored } = expert;
+        let ExpertRun { run, settings, restored, replay_file } = expert;
         let resumed = restored.as_ref().map_or(0, |restored| restored.counters.resumed + 1);
         // A resumed run does not see the same resets again.
         let seed = settings.seed.wrapping_add(u64::from(resumed) << 32);
@@ -300,7 +268,8 @@ impl Training {
         let mut evaluations = Track::open(run.folder(), EVALUATIONS_FILE, "evaluation", u64::MAX)?;
         metrics.forget_after(counters.step)?;
         evaluations.forget_after(counters.step)?;
-        let replay = Replay::new(observation_size, action_size, settings.replay);
+        let mut replay = Replay::new(observation_size, action_size, settings.replay);
+        replay.read(&replay_file, counters.step)?;
         let wall_time_before_s = counters.wall_time_s;
         let counters = Counters { resumed, ..counters };
         Ok(Self {
@@ -325,8 +294,11 @@ impl Training {
     }
 
     fn run(&mut self, is_stopped: &AtomicBool) -> Result<Outcome, ClientError> {
-        let refill = self.counters.kept.min(self.settings.refill);
-        let mut refilled = 0;
+        let mut refilled = self.replay.len() as u64;
+        let refill = match refilled {
+            0 => self.counters.kept.min(self.settings.refill),
+            _ => 0,
+        };
         while refilled < refill {
             if is_stopped.load(Ordering::Relaxed) {
                 return Ok(self.outcome());
@@ -337,6 +309,7 @@ impl Training {
         while self.counters.step < self.settings.steps {
             if is_stopped.load(Ordering::Relaxed) {
                 self.save()?;
+                self.replay.write(&self.run.path(REPLAY_FILE), self.counters.step)?;
                 return Ok(self.outcome());
             }
             let is_learning = self.counters.step >= self.settings.learning_starts;

@@ -38,8 +38,9 @@ are fewer updates than steps, because simulation is cheap. The best policy that 
 
 The folder holds expert.json, metrics.jsonl, evaluations.jsonl, tensorboard/, policy.onnx,
 policy.safetensors, card.json once finished, and a checkpoint of less than 5 MB. Ctrl-C or SIGTERM
-writes one and exits with 130; so does a kill cost only what came after the last one. A resumed run
-first collects transitions with its policy, as the checkpoint does not hold them.
+writes one, with replay.safetensors beside it (hundreds of megabytes), and exits with 130; so does a kill
+cost only what came after the last one. Without its replay, after a kill, a run first collects transitions
+with its policy, and may learn badly from such narrow ones for a while.
 
 Examples:
   palr-gym expert train --env hopper
