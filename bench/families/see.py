@@ -22,13 +22,17 @@ def _prepare_render(settings: Settings) -> Mapping[str, Contender]:
     def ours() -> float:
         return measured(command)["rate_per_cpu_s"]
 
+    def limit() -> float:
+        binary = str(settings.binaries / "bench-see-limit")
+        return measured([binary, "render", pictures])["rate_per_cpu_s"]
+
     def one() -> float:
         return measured([*command, "--threads=1"])["rate"]
 
     def two() -> float:
         return measured([*command, "--threads=2"])["rate"]
 
-    return {"python": peer, "ours": ours, "one": one, "two": two}
+    return {"python": peer, "limit": limit, "ours": ours, "one": one, "two": two}
 
 
 def _prepare_features(settings: Settings) -> Mapping[str, Contender]:
@@ -61,6 +65,7 @@ def groups() -> list[Group]:
             unit="pictures/CPU-s",
             kind="throughput",
         ),
+        ratio("render.lane.48.vs_limit", "ours", "limit", unit="pictures/CPU-s", kind="throughput"),
         ratio(
             "render.lane.48.two_threads_vs_one", "two", "one", unit="pictures/s", kind="throughput"
         ),

@@ -9,6 +9,8 @@ from bench.plan import Contender, ContenderError, Figure, Group, Settings, ratio
 from bench.processes import listening, measured, python
 
 _TASKS = ("hopper", "walker2d", "halfcheetah", "ant")
+# What an agent sees of lane: features of pictures, in a stack.
+_SEEING_TASK = "lane-w3"
 _NUM_ENVS = (1, 8, 64, 512)
 _PEERS_AT = 64
 _UNIT = "environment steps/s"
@@ -73,6 +75,12 @@ def limit_command(settings: Settings, work: Work) -> list[str]:
     """Bare physics."""
     binary = str(settings.binaries / "bench-limit")
     return [binary, f"--threads={settings.threads}", *work.arguments]
+
+
+def seeing_limit_command(settings: Settings, work: Work) -> list[str]:
+    """Bare physics, drawing and features."""
+    binary = str(settings.binaries / "bench-see-limit")
+    return [binary, "step", f"--threads={settings.threads}", *work.arguments]
 
 
 def rust_command(settings: Settings, work: Work, server: str) -> list[str]:
@@ -155,6 +163,22 @@ def _figures(task: str, num_envs: int) -> list[Figure]:
     ]
 
 
+def _prepare_seeing(settings: Settings) -> Mapping[str, Contender]:
+    probe = Work(_SEEING_TASK, _PEERS_AT, 20)
+    rate = measured(seeing_limit_command(settings, probe))["rate"]
+    work = Work(_SEEING_TASK, _PEERS_AT, max(20, round(rate * settings.seconds / _PEERS_AT)))
+    same = SameWork()
+
+    def limit() -> float:
+        return same.rate(seeing_limit_command(settings, work))
+
+    def rust() -> float:
+        with listening(*server_command(settings)) as server:
+            return same.rate(rust_command(settings, work, server))
+
+    return {"limit": limit, "rust": rust}
+
+
 def _prepare_sessions(settings: Settings) -> Mapping[str, Contender]:
     task, num_envs = "hopper", _ENVS_OF_A_SESSION
 
@@ -184,7 +208,9 @@ def groups() -> list[Group]:
     sessions = ratio(
         f"step.hopper.{many}_sessions_vs_{few}", str(many), str(few), unit=_UNIT, kind="throughput"
     )
+    seeing = ratio("step.lane.64.rust_vs_limit", "rust", "limit", unit=_UNIT, kind="throughput")
     return [
+        Group([seeing], _prepare_seeing),
         *(
             Group(_figures(task, num_envs), partial(_prepare, task=task, num_envs=num_envs))
             for task in _TASKS

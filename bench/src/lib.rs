@@ -10,15 +10,19 @@
 //! - `bin/bench-train.rs`: what a step of imitation learning costs; `bin/bench-sac.rs`: updates of
 //!   soft actor-critic.
 //! - `bin/bench-collect-limit.rs`: bare physics and inference, the upper limit of recording.
-//! - `bin/bench-see.rs`: drawing, and features of pictures.
+//! - `bin/bench-see.rs`: drawing, and features of pictures; `bin/bench-see-limit.rs`, on [`bare`]: the
+//!   same, and stepping, without any of ours.
 //! - here: the work that all of them are given, and how they report.
 //!
 //! Every program measures once and prints one line of JSON; `bench/run.py` repeats, interleaves
 //! and compares.
 #![allow(clippy::print_stdout, reason = "the result goes to whoever started the program")]
 
+pub mod bare;
+
 use std::time::Duration;
 
+use anyhow::Context;
 use clap::Args;
 use palr_gym_core::random::Generator;
 use serde::Serialize;
@@ -94,6 +98,22 @@ impl Seen {
         let (count, wall_s) = (pictures as f64, wall.as_secs_f64());
         Self { pictures, wall_s, cpu_s, rate: count / wall_s, rate_per_cpu_s: count / cpu_s }
     }
+}
+
+/// CPU seconds of all threads of this process so far, to a hundredth.
+///
+/// # Errors
+/// Where there is no /proc.
+pub fn cpu_s() -> anyhow::Result<f64> {
+    const TICKS_PER_S: f64 = 100.0;
+    let text = std::fs::read_to_string("/proc/self/stat")?;
+    // The program's name may hold spaces; it ends with the last parenthesis.
+    let (_, rest) = text.rsplit_once(')').context("/proc/self/stat has no name")?;
+    let fields: Vec<&str> = rest.split_whitespace().collect();
+    let ticks = |index: usize| -> anyhow::Result<f64> {
+        Ok(fields.get(index).context("/proc/self/stat is too short")?.parse()?)
+    };
+    Ok((ticks(11)? + ticks(12)?) / TICKS_PER_S)
 }
 
 /// Prints `result` as the program's one line of output.

@@ -266,6 +266,28 @@ def test_where_nothing_is_drawn_agents_that_see_pictures_are_refused_and_others_
                 env.reset(seed=0)
 
 
+@pytest.mark.parametrize(
+    ("variable", "value", "expected"),
+    [
+        ("MESA_GL_VERSION_OVERRIDE", "1.4", "OpenGL version 1.5 or higher required"),
+        ("MESA_EXTENSION_OVERRIDE", "-GL_ARB_framebuffer_object", "ARB_framebuffer_object"),
+    ],
+)
+def test_an_opengl_that_is_too_old_is_an_error_that_says_what_it_lacks(
+    variable: str, value: str, expected: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(variable, value)
+    with running_server() as server:
+        for env_id in ("lane-w1", "lane-pixels-w1"):
+            with (
+                palr_gym.make(env_id, server=server.address) as env,
+                pytest.raises(errors.FailedPrecondition, match=expected),
+            ):
+                env.reset(seed=0)
+        with palr_gym.make("lane", server=server.address) as env:
+            env.reset(seed=0)
+
+
 def text(file: h5py.File, name: str) -> str:
     """An entry of a recording's metadata."""
     value: Any = file[f"metadata/{name}"]

@@ -6,9 +6,8 @@ use std::sync::{Arc, Barrier};
 use std::thread;
 use std::time::Instant;
 
-use anyhow::Context;
 use clap::{Parser, Subcommand};
-use palr_gym_bench::{Seen, report};
+use palr_gym_bench::{Seen, cpu_s, report};
 use palr_gym_sim::render::{GlChoice, View};
 use palr_gym_sim::{Env, resolve};
 use palr_gym_vision::{Extractor, ExtractorLimits};
@@ -91,9 +90,9 @@ fn render(pictures: usize, threads: usize) -> anyhow::Result<Seen> {
             })
             .collect();
         begin.wait();
-        let (started, cpu_s) = (Instant::now(), cpu_s()?);
+        let (started, before) = (Instant::now(), cpu_s()?);
         end.wait();
-        let seen = Seen::new(pictures * threads, started.elapsed(), self::cpu_s()? - cpu_s);
+        let seen = Seen::new(pictures * threads, started.elapsed(), cpu_s()? - before);
         for thread in drawn {
             thread.join().map_err(|_| anyhow::anyhow!("a thread panicked"))??;
         }
@@ -109,22 +108,9 @@ fn features(extractor: &Extractor, batch: usize, batches: usize) -> anyhow::Resu
     for _ in 0..(batches / 10).max(1) {
         extractor.extract(&pictures, batch, &mut features)?;
     }
-    let (started, cpu_s) = (Instant::now(), cpu_s()?);
+    let (started, before) = (Instant::now(), cpu_s()?);
     for _ in 0..batches {
         extractor.extract(&pictures, batch, &mut features)?;
     }
-    Ok(Seen::new(batch * batches, started.elapsed(), self::cpu_s()? - cpu_s))
-}
-
-/// CPU seconds of all threads of this process so far, to a hundredth.
-fn cpu_s() -> anyhow::Result<f64> {
-    const TICKS_PER_S: f64 = 100.0;
-    let text = std::fs::read_to_string("/proc/self/stat")?;
-    // The program's name may hold spaces; it ends with the last parenthesis.
-    let (_, rest) = text.rsplit_once(')').context("/proc/self/stat has no name")?;
-    let fields: Vec<&str> = rest.split_whitespace().collect();
-    let ticks = |index: usize| -> anyhow::Result<f64> {
-        Ok(fields.get(index).context("/proc/self/stat is too short")?.parse()?)
-    };
-    Ok((ticks(11)? + ticks(12)?) / TICKS_PER_S)
+    Ok(Seen::new(batch * batches, started.elapsed(), cpu_s()? - before))
 }

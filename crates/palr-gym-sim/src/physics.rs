@@ -11,7 +11,7 @@ use crate::guard::{self, EngineError};
 
 /// What an environment must keep: MuJoCo's state of integration without controls, which come with
 /// each step, and without what no task ever touches (applied forces, active constraints).
-const KEPT_STATE: u32 = MjtState::mjSTATE_FULLPHYSICS as u32
+pub const KEPT_STATE: u32 = MjtState::mjSTATE_FULLPHYSICS as u32
     | MjtState::mjSTATE_WARMSTART as u32
     | MjtState::mjSTATE_MOCAP_POS as u32
     | MjtState::mjSTATE_MOCAP_QUAT as u32
@@ -43,8 +43,9 @@ impl State {
         &self.values[1 + self.nq..][..self.nv]
     }
 
-    /// All of it, as numbers.
-    pub(crate) fn values(&self) -> &[f64] {
+    /// All of it, as `mj_getState` orders [`KEPT_STATE`].
+    #[must_use]
+    pub fn values(&self) -> &[f64] {
         &self.values
     }
 

@@ -42,7 +42,7 @@ fn the_pictures_of_the_lane_in_the_docs_are_what_is_drawn() {
 
 #[test]
 fn the_pictures_of_the_town_in_the_docs_are_what_is_drawn() {
-    compare("town.png", || montage::<7>(|weather| town(weather, 8), 3, 200));
+    compare("town.png", || montage::<7>(|weather| town(weather, 8), 3, 262));
 }
 
 fn compare(name: &str, draw: impl FnOnce() -> Vec<u8>) {
