@@ -28,6 +28,7 @@ RECIPES = [
     reference.Recipe("hopper", "tqc", 5, 2, 3, 80, 32, 24, 7, 2),
     reference.Recipe("ant", "tqc", 1, 3, 2, 60, 32, 24, 5, 1),
     reference.Recipe("walker2d", "tqc", 2, 1, 4, 60, 32, 24, 5, 1, actor_every=2),
+    reference.Recipe("hopper", "sac", 3, 2, 6, 80, 32, 24, 25, 5, actor_average=0.25),
 ]
 
 
@@ -39,6 +40,7 @@ def command(recipe: reference.Recipe, out: Path, steps: int) -> list[str]:
         "num_envs": recipe.num_envs,
         "updates_per_step": 1 / recipe.num_envs,
         "actor_every": recipe.actor_every,
+        "actor_average": recipe.actor_average,
         "learning_starts": recipe.learning_starts,
         "batch": recipe.batch,
         "hidden": recipe.hidden,
@@ -56,7 +58,9 @@ def command(recipe: reference.Recipe, out: Path, steps: int) -> list[str]:
     return line
 
 
-@pytest.mark.parametrize("recipe", RECIPES, ids=lambda recipe: f"{recipe.task}-{recipe.critic}")
+@pytest.mark.parametrize(
+    "recipe", RECIPES, ids=lambda recipe: f"{recipe.task}-{recipe.critic}-{recipe.seed}"
+)
 def test_updates_are_those_of_the_reference(recipe: reference.Recipe, tmp_path: Path) -> None:
     # The first round of the policy's own has no update beside it.
     steps = recipe.learning_starts + (recipe.updates + 1) * recipe.num_envs
@@ -84,6 +88,12 @@ def test_updates_are_those_of_the_reference(recipe: reference.Recipe, tmp_path: 
         assert difference[clear].max() < 2e-5, name
     for slow, name in zip(expected.slow, ["critic_1", "critic_2"], strict=True):
         assert np.abs(state[f"{name}.slow"] - flat(slow)).max() < 1e-5
+    averaged = state["averaged.actor.parameters"]
+    moved = np.abs(averaged - state["actor.parameters"]).max()
+    assert (moved > 1e-6) == (recipe.actor_average < 1)
+    exported = safetensors.load_file(folder / "policy.safetensors")
+    assert sum(array.size for array in exported.values()) == averaged.size
+    assert np.abs(averaged - flat(expected.averaged_actor)).max() < 1e-4
 
 
 def test_a_stopped_or_killed_run_goes_on_and_what_it_exports_is_whole(tmp_path: Path) -> None:

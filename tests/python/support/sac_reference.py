@@ -45,6 +45,7 @@ class Recipe:
     discount: float = 0.99
     polyak: float = 0.005
     actor_every: int = 1
+    actor_average: float = 1.0
 
 
 @dataclass
@@ -154,6 +155,7 @@ class Run:
         inputs = size + self._action_size
         self.critics = [Adam(self._network(number, inputs, outputs)) for number in (1, 2)]
         self.slow = [critic.parameters for critic in self.critics]
+        self.averaged_actor = self.actor.parameters
         self.log_temperature = Adam(jnp.zeros(1))
         self.losses: list[dict[str, float]] = []
         self._replay = Replay()
@@ -245,6 +247,11 @@ class Run:
             value, gradient = jax.value_and_grad(actor_loss)(actor)
             self.actor.descend(gradient, recipe.rate)
             losses["actor_loss"] = float(value)
+            self.averaged_actor = jax.tree.map(
+                lambda slow, parameter: slow + recipe.actor_average * (parameter - slow),
+                self.averaged_actor,
+                self.actor.parameters,
+            )
 
         def nearer(slow: Array, parameter: Array) -> Array:
             return slow + recipe.polyak * (parameter - slow)

@@ -17,6 +17,8 @@ pub struct Agent {
     rule: Rule,
     /// As [`actor::layers`].
     pub actor: Network,
+    /// The actor's parameters, averaged over time: what is evaluated and exported.
+    pub averaged_actor: Vec<f32>,
     /// As [`critic::layers`].
     pub critics: [Network; 2],
     /// The critics' parameters, averaged over time.
@@ -39,6 +41,7 @@ struct Rule {
     polyak: f32,
     target_entropy: f64,
     actor_every: u64,
+    actor_average: f32,
 }
 
 /// Transitions to learn from.
@@ -138,6 +141,7 @@ impl Agent {
         let mut temperature = network("temperature", layers, 3);
         temperature.parameters = vec![settings.initial_temperature.ln() as f32];
         let actor_layers = actor::layers(observation_size, settings.hidden, action_size);
+        let actor = network("actor", actor_layers, 0);
         Self {
             observation_size,
             action_size,
@@ -150,8 +154,10 @@ impl Agent {
                 polyak: settings.polyak as f32,
                 target_entropy: settings.target_entropy.unwrap_or(-(action_size as f64)),
                 actor_every: settings.actor_every,
+                actor_average: settings.actor_average as f32,
             },
-            actor: network("actor", actor_layers, 0),
+            averaged_actor: actor.parameters.clone(),
+            actor,
             targets: [critics[0].parameters.clone(), critics[1].parameters.clone()],
             critics,
             temperature,
@@ -289,6 +295,10 @@ impl Agent {
             let observations = &batch.observations;
             present.gradient(layers, parameters, observations, temperature, value_gradient, flat);
             self.actor.descend(flat, learning_rate, step / self.rule.actor_every)?;
+            match self.rule.actor_average {
+                1.0 => self.averaged_actor.copy_from_slice(&self.actor.parameters),
+                share => follow(&mut self.averaged_actor, &self.actor.parameters, share),
+            }
             losses.actor = Some(f64::from(temperature) * log_density - value);
             losses.value = Some(value);
         }
@@ -302,17 +312,12 @@ impl Agent {
     }
 }
 
-/// Moves each of `slow` by the share `polyak` of its way to `parameters`.
+/// Moves each of `slow` by a `share` of its way to `parameters`.
 #[pulp::with_simd(follow = Arch::new())]
 #[inline(always)]
-fn follow_with_simd<'a, S: Simd>(
-    _simd: S,
-    slow: &'a mut [f32],
-    parameters: &'a [f32],
-    polyak: f32,
-) {
+fn follow_with_simd<'a, S: Simd>(_simd: S, slow: &'a mut [f32], parameters: &'a [f32], share: f32) {
     for (slow, parameter) in slow.iter_mut().zip(parameters) {
-        *slow += polyak * (parameter - *slow);
+        *slow += share * (parameter - *slow);
     }
 }
 

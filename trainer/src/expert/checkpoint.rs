@@ -22,6 +22,7 @@ use crate::learning::error::TrainError;
 const HEADER: &str = "palr_gym_expert_checkpoint";
 const VERSION: u32 = 1;
 const BEST: &str = "best.actor.parameters";
+const AVERAGED_ACTOR: &str = "averaged.actor.parameters";
 
 /// Where a run stands.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
@@ -106,6 +107,7 @@ pub fn write(
     for (network, slow) in agent.critics.iter().zip(&agent.targets) {
         arrays.push((format!("{}.slow", network.name), slow));
     }
+    arrays.push((AVERAGED_ACTOR.to_owned(), &agent.averaged_actor));
     let views = arrays.into_iter().map(|(name, array)| {
         let view = TensorView::new(Dtype::F32, vec![array.len()], bytemuck::cast_slice(array))?;
         Ok::<_, safetensors::SafeTensorError>((name, view))
@@ -166,6 +168,12 @@ pub fn read(path: &Path) -> Result<Option<Restored>, TrainError> {
     for (network, slow) in agent.critics.iter().zip(&mut agent.targets) {
         *slow = array(&format!("{}.slow", network.name), Some(slow.len()))?;
     }
+    let length = agent.actor.parameters.len();
+    agent.averaged_actor = match tensors.tensor(AVERAGED_ACTOR) {
+        // Of a run before there was one.
+        Err(_) => agent.actor.parameters.clone(),
+        Ok(_) => array(AVERAGED_ACTOR, Some(length))?,
+    };
     let best = array(BEST, None)?;
     if !best.is_empty() && best.len() != agent.actor.parameters.len() {
         return Err(failed(&format!("{BEST} has {} numbers", best.len())));

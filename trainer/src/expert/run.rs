@@ -417,7 +417,7 @@ impl Training {
     }
 
     fn evaluate(&mut self) -> Result<(), ClientError> {
-        let parameters = &self.agent.actor.parameters;
+        let parameters = &self.agent.averaged_actor;
         let policy = ExpertPolicy {
             observation_size: self.agent.observation_size(),
             hidden: self.settings.hidden,
