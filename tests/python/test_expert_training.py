@@ -165,6 +165,18 @@ def test_a_stopped_or_killed_run_goes_on_and_what_it_exports_is_whole(tmp_path: 
     assert "expert.json is no model card" in refused.stderr
     assert card["onnx"]["bytes"] == (folder / "policy.onnx").stat().st_size
 
+    # A folder that begins from the checkpoint has the best policy too; not if episodes change.
+    for more, is_kept in ([], True), (["--set", "episodes=2"], False):
+        begun = tmp_path / f"begun-{is_kept}"
+        beginning = [*line, *more, "--from", str(folder / "checkpoint.safetensors")]
+        beginning[beginning.index("--out") + 1] = str(begun)
+        process = subprocess.Popen(beginning, stdout=subprocess.DEVNULL)
+        wait_for(begun / "policy.onnx", process)
+        process.kill()
+        process.wait()
+        same = (begun / "policy.onnx").read_bytes() == (folder / "policy.onnx").read_bytes()
+        assert same == is_kept
+
     other = subprocess.run(
         [*line, "--resume", "--set", "discount=0.9"],
         capture_output=True,

@@ -6,6 +6,7 @@ autodiff, and Adam.
 """
 
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -105,6 +106,11 @@ def critic_loss(recipe: Recipe, critic: Parameters, inputs: Array, targets: Arra
     huber = jnp.where(jnp.abs(errors) > 1, jnp.abs(errors) - 0.5, 0.5 * errors**2)
     levels = (jnp.arange(recipe.quantiles) + 0.5) / recipe.quantiles
     return jnp.mean(jnp.abs(levels[None, :, None] - (errors < 0)) * huber)
+
+
+def nearer(share: float, slow: Array, parameter: Array) -> Array:
+    """What a slow copy becomes."""
+    return slow + share * (parameter - slow)
 
 
 def next_values(recipe: Recipe, slow: list[Parameters], inputs: Array) -> Array:
@@ -248,16 +254,10 @@ class Run:
             self.actor.descend(gradient, recipe.rate)
             losses["actor_loss"] = float(value)
             self.averaged_actor = jax.tree.map(
-                lambda slow, parameter: slow + recipe.actor_average * (parameter - slow),
-                self.averaged_actor,
-                self.actor.parameters,
+                partial(nearer, recipe.actor_average), self.averaged_actor, self.actor.parameters
             )
-
-        def nearer(slow: Array, parameter: Array) -> Array:
-            return slow + recipe.polyak * (parameter - slow)
-
         self.slow = [
-            jax.tree.map(nearer, slow, critic)
+            jax.tree.map(partial(nearer, recipe.polyak), slow, critic)
             for slow, critic in zip(self.slow, critics, strict=True)
         ]
         self.losses.append({**losses, "temperature": float(alpha)})

@@ -75,6 +75,19 @@ pub struct Restored {
     pub settings: ExpertSettings,
 }
 
+impl Restored {
+    /// Without the best policy so far if evaluations have another number of `episodes` now: the best
+    /// of few is mostly lucky.
+    #[must_use]
+    pub fn measured_by(mut self, episodes: u32) -> Self {
+        if self.settings.episodes != episodes {
+            self.counters.best = None;
+            self.best.clear();
+        }
+        self
+    }
+}
+
 /// Replaces the file at `path`.
 ///
 /// # Errors

@@ -156,6 +156,7 @@ impl ExpertRun {
                 .into();
             return Err(ClientError::RunFolder { path: run.folder().into(), message });
         }
+        let restored = restored.map(|restored| restored.measured_by(settings.episodes));
         Ok(Self { run, settings, restored, replay_file })
     }
 
@@ -271,6 +272,11 @@ impl Training {
         let mut replay = Replay::new(observation_size, action_size, settings.replay);
         replay.read(&replay_file, counters.step)?;
         let wall_time_before_s = counters.wall_time_s;
+        let is_missing = !run.path(ONNX_FILE).exists();
+        if is_missing && counters.best.is_some() {
+            // A folder that begins from another's checkpoint.
+            write_best(&run, &policy(&agent, &settings, &best))?;
+        }
         let counters = Counters { resumed, ..counters };
         Ok(Self {
             run,
@@ -417,13 +423,7 @@ impl Training {
     }
 
     fn evaluate(&mut self) -> Result<(), ClientError> {
-        let parameters = &self.agent.averaged_actor;
-        let policy = ExpertPolicy {
-            observation_size: self.agent.observation_size(),
-            hidden: self.settings.hidden,
-            action_size: self.agent.action_size(),
-            parameters,
-        };
+        let policy = policy(&self.agent, &self.settings, &self.agent.averaged_actor);
         let onnx = policy.to_onnx()?;
         let latest = self.run.path(LATEST_FILE);
         write_whole(&latest, &onnx)?;
@@ -440,9 +440,8 @@ impl Training {
         let record = EvaluationRecord::new(self.counters.step, &evaluation);
         let is_best = self.counters.best.is_none_or(|best| record.return_mean > best.return_mean);
         if is_best {
-            write_whole(&self.run.path(ONNX_FILE), &onnx)?;
-            write_whole(&self.run.path(SAFETENSORS_FILE), &policy.to_safetensors()?)?;
-            self.best.clone_from(parameters);
+            write_best(&self.run, &policy)?;
+            self.best.clone_from(&self.agent.averaged_actor);
             self.counters.best = Some(Best {
                 step: record.step,
                 return_mean: record.return_mean,
@@ -470,4 +469,21 @@ impl Training {
             updates: self.agent.updates,
         }
     }
+}
+
+/// The policy that an agent's actor is with `parameters`.
+fn policy<'a>(agent: &Agent, settings: &ExpertSettings, parameters: &'a [f32]) -> ExpertPolicy<'a> {
+    ExpertPolicy {
+        observation_size: agent.observation_size(),
+        hidden: settings.hidden,
+        action_size: agent.action_size(),
+        parameters,
+    }
+}
+
+/// Replaces the best policy so far.
+fn write_best(run: &Run, policy: &ExpertPolicy<'_>) -> Result<(), ClientError> {
+    write_whole(&run.path(ONNX_FILE), &policy.to_onnx()?)?;
+    write_whole(&run.path(SAFETENSORS_FILE), &policy.to_safetensors()?)?;
+    Ok(())
 }
