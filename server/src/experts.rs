@@ -23,7 +23,12 @@ pub const MODEL_CARD: &str = "scenes/experts/README.md";
 pub const CONTROLLER_CARD: &str = "scenes/README.md";
 
 /// Every model, in alphabetical order of tasks.
-pub const EXPERTS: [Expert; 4] = [
+pub const EXPERTS: [Expert; 5] = [
+    Expert {
+        task: "ant",
+        onnx: include_bytes!("../../scenes/experts/ant.onnx"),
+        card_return: 3713.1,
+    },
     Expert {
         task: "halfcheetah",
         onnx: include_bytes!("../../scenes/experts/halfcheetah.onnx"),
