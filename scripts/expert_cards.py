@@ -7,9 +7,9 @@ import json
 from pathlib import Path
 from typing import Any
 
+from documents import with_part
+
 EXPERTS = Path(__file__).resolve().parent.parent / "scenes" / "experts"
-START = "<!-- cards:start -->"
-END = "<!-- cards:end -->"
 
 _HEAD = [
     *("expert", "mean action", "sampled", "imitator", "made by"),
@@ -30,9 +30,7 @@ def table() -> str:
 
 def with_table(readme: str) -> str:
     """`readme` with a new table between its markers."""
-    head, _, rest = readme.partition(START)
-    _, _, tail = rest.partition(END)
-    return f"{head}{START}\n{table()}\n{END}{tail}"
+    return with_part(readme, "cards", table())
 
 
 def _row(task: str, card: dict[str, Any]) -> str:

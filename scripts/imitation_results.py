@@ -15,6 +15,8 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
+from documents import with_part
+
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 RESULTS = DOCS / "imitation.json"
 JUDGED = 0.5
@@ -184,14 +186,8 @@ def with_tables(document: str, text: str) -> str:
     """`text`, of the file `document` in docs, with its tables anew."""
     for name, runs in results().items():
         file, marker, table = TABLES[name]
-        if file != document:
-            continue
-        start, end = f"<!-- {marker}:start -->", f"<!-- {marker}:end -->"
-        head, found, rest = text.partition(start)
-        _, closed, tail = rest.partition(end)
-        if not (found and closed):
-            raise SystemExit(f"docs/{document} lacks the markers {start} and {end}")
-        text = f"{head}{start}\n{table(runs)}\n{end}{tail}"
+        if file == document:
+            text = with_part(text, marker, table(runs))
     return text
 
 

@@ -13,9 +13,9 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+from documents import with_part
+
 DOCS = Path(__file__).resolve().parent.parent / "docs"
-START = "<!-- runs:start -->"
-END = "<!-- runs:end -->"
 # scipy is not among what this project's scripts need: Student's t, 97.5 %, by degrees of freedom.
 _T = {1: 12.71, 2: 4.303, 3: 3.182, 4: 2.776, 5: 2.571, 7: 2.365, 9: 2.262}
 _MEASURED = ("held_out_nll", "held_out_change_nll", "held_out_hscic", "held_out_action_hscic")
@@ -57,9 +57,7 @@ def table(runs: Iterable[dict[str, Any]]) -> str:
 
 def with_table(page: str, runs: Iterable[dict[str, Any]]) -> str:
     """`page` with a new table between its markers."""
-    head, _, rest = page.partition(START)
-    _, _, tail = rest.partition(END)
-    return f"{head}{START}\n{table(runs)}\n{END}{tail}"
+    return with_part(page, "runs", table(runs))
 
 
 def _last(path: Path) -> dict[str, Any]:
@@ -97,6 +95,8 @@ def main() -> None:
     if len(sys.argv) > 1:
         manifests = (path for root in sys.argv[1:] for path in Path(root).rglob("run.json"))
         folders = sorted(path.parent for path in manifests)
+        if not folders:
+            raise SystemExit(f"no run in or below {', '.join(sys.argv[1:])}")
         data.write_text(json.dumps([run(folder) for folder in folders], indent=1) + "\n")
     page.write_text(with_table(page.read_text(), json.loads(data.read_text())))
 

@@ -1,14 +1,13 @@
 """What the experts' model cards say is true of the files beside them, and in the README."""
 
 import hashlib
-import importlib.util
-from types import ModuleType
 from typing import Any
 
 import onnx as _onnx
 import pytest
 import safetensors.numpy as _safetensors
 
+import expert_cards
 from palr_gym import Client
 from support.server_process import ROOT
 
@@ -20,23 +19,12 @@ EXPERTS = ROOT / "scenes" / "experts"
 MAX_BYTES = 1 << 20
 
 
-def script() -> ModuleType:
-    """What writes the table."""
-    path = ROOT / "scripts" / "expert_cards.py"
-    spec = importlib.util.spec_from_file_location("expert_cards", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-CARDS: dict[str, dict[str, Any]] = script().cards()
+CARDS: dict[str, dict[str, Any]] = expert_cards.cards()
 
 
 def test_the_readme_has_the_table_that_the_cards_make() -> None:
     readme = (EXPERTS / "README.md").read_text()
-    assert script().with_table(readme) == readme, "run .venv/bin/python scripts/expert_cards.py"
+    assert expert_cards.with_table(readme) == readme, "run .venv/bin/python scripts/expert_cards.py"
 
 
 @pytest.mark.parametrize("task", CARDS)

@@ -1,35 +1,22 @@
 """The tables of imitation experiments in docs are those that their results make."""
 
-import importlib.util
 import json
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import pytest
 
+import imitation_results
 from support.server_process import ROOT
 
 
-def script() -> ModuleType:
-    """What writes the tables."""
-    path = ROOT / "scripts" / "imitation_results.py"
-    spec = importlib.util.spec_from_file_location("imitation_results", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-SCRIPT = script()
-
-
-@pytest.mark.parametrize("document", sorted({file for file, _, _ in SCRIPT.TABLES.values()}))
+@pytest.mark.parametrize(
+    "document", sorted({file for file, _, _ in imitation_results.TABLES.values()})
+)
 def test_documents_have_the_tables_that_the_results_make(document: str) -> None:
     text = (ROOT / "docs" / document).read_text()
     command = ".venv/bin/python scripts/imitation_results.py"
-    assert SCRIPT.with_tables(document, text) == text, f"run {command}"
+    assert imitation_results.with_tables(document, text) == text, f"run {command}"
 
 
 def run_folder(parent: Path, name: str, alpha: float, scores: list[float]) -> Path:
@@ -68,16 +55,18 @@ def test_a_score_is_the_mean_of_the_last_half_and_the_likeliest_change_is_chosen
     tmp_path: Path,
 ) -> None:
     runs = [
-        SCRIPT.summed_up(run_folder(tmp_path, f"{alpha}-{at}", alpha, [90, 0, scores, scores]))
+        imitation_results.summed_up(
+            run_folder(tmp_path, f"{alpha}-{at}", alpha, [90, 0, scores, scores])
+        )
         for alpha, pair in {1.0: (10, 14), 2.0: (20, 24)}.items()
         for at, scores in enumerate(pair)
     ]
     assert [run["score"] for run in runs] == [10, 14, 20, 24]
     assert {run["best_score"] for run in runs} == {90}
-    assert SCRIPT.by_alpha(runs).splitlines()[2:] == [
+    assert imitation_results.by_alpha(runs).splitlines()[2:] == [
         "| 1 | 12.0 ± 2.0 | -1.000 | 5.00e-01 |",
         "| **2, chosen** | 22.0 ± 2.0 | -2.000 | 5.00e-01 |",
     ]
     unfinished = run_folder(tmp_path, "unfinished", 1.0, [])
     with pytest.raises(SystemExit, match="unfinished has not ended"):
-        SCRIPT.summed_up(unfinished)
+        imitation_results.summed_up(unfinished)

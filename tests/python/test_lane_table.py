@@ -1,26 +1,12 @@
 """The table of docs/lane.md is that of docs/lane.json."""
 
-import importlib.util
 import json
-from types import ModuleType
 
-import pytest
-
+import lane_table
 from support.server_process import ROOT
 
 
-@pytest.fixture(scope="module")
-def lane_table() -> ModuleType:
-    path = ROOT / "scripts" / "lane_table.py"
-    spec = importlib.util.spec_from_file_location("lane_table", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-def test_the_table_is_that_of_the_runs_beside_it(lane_table: ModuleType) -> None:
+def test_the_table_is_that_of_the_runs_beside_it() -> None:
     runs = json.loads((ROOT / "docs" / "lane.json").read_text())
     page = (ROOT / "docs" / "lane.md").read_text()
     # BC and PALR's four alphas, with two stacks.
@@ -28,7 +14,7 @@ def test_the_table_is_that_of_the_runs_beside_it(lane_table: ModuleType) -> None
     assert lane_table.with_table(page, runs) == page
 
 
-def test_a_row_has_means_over_seeds_and_the_scores_interval(lane_table: ModuleType) -> None:
+def test_a_row_has_means_over_seeds_and_the_scores_interval() -> None:
     runs = [
         {
             "env_id": "lane-w3-v0",

@@ -6,7 +6,7 @@ use std::sync::atomic::AtomicBool;
 
 use anyhow::{Context, bail};
 use clap::Parser;
-use palr_gym_bench::report;
+use palr_gym_bench::{cpu_s, report};
 use palr_gym_core::random::Generator;
 use palr_gym_trainer::learning::{LockstepRun, TrainConfig, TrainingSet, train_lockstep};
 use serde::Serialize;
@@ -66,16 +66,6 @@ fn data(setting: &str) -> anyhow::Result<TrainingSet> {
     let set =
         TrainingSet::new(&observations, observation_size, actions, past_actions, action_size)?;
     Ok(set.with_frame_stack(frame_stack)?.with_episodes(&[EPISODE_ROWS; ROWS / EPISODE_ROWS])?)
-}
-
-/// CPU seconds of this process, all threads; in ticks of a hundredth.
-fn cpu_s() -> anyhow::Result<f64> {
-    const TICKS_PER_S: f64 = 100.0;
-    let stat = std::fs::read_to_string("/proc/self/stat")?;
-    // The name, the only field with spaces, ends with the last parenthesis.
-    let (_, fields) = stat.rsplit_once(')').context("/proc/self/stat has another form")?;
-    let ticks = fields.split_whitespace().skip(11).take(2).map(str::parse::<u64>);
-    Ok(ticks.sum::<Result<u64, _>>()? as f64 / TICKS_PER_S)
 }
 
 fn main() -> anyhow::Result<()> {

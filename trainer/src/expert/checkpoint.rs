@@ -5,17 +5,15 @@
 //! collects a new one with its policy before it updates anything, so that it goes on well but not
 //! to the same bits.
 
-use std::collections::HashMap;
-use std::fs;
 use std::path::Path;
 
 use safetensors::SafeTensors;
-use safetensors::tensor::{Dtype, TensorView, serialize};
+use safetensors::tensor::Dtype;
 use serde::{Deserialize, Serialize};
 
 use crate::expert::agent::Agent;
 use crate::expert::settings::ExpertSettings;
-use crate::learning::checkpoint::write_whole;
+use crate::learning::checkpoint::{read_if_there, write_arrays};
 use crate::learning::error::TrainError;
 
 /// The one key of the file's metadata: its value is [`Header`] as JSON.
@@ -121,13 +119,7 @@ pub fn write(
         arrays.push((format!("{}.slow", network.name), slow));
     }
     arrays.push((AVERAGED_ACTOR.to_owned(), &agent.averaged_actor));
-    let views = arrays.into_iter().map(|(name, array)| {
-        let view = TensorView::new(Dtype::F32, vec![array.len()], bytemuck::cast_slice(array))?;
-        Ok::<_, safetensors::SafeTensorError>((name, view))
-    });
-    let views: Vec<_> = views.collect::<Result<_, _>>().map_err(|error| failed(&error))?;
-    let metadata = HashMap::from([(HEADER.to_owned(), header)]);
-    write_whole(path, &serialize(views, Some(metadata)).map_err(|error| failed(&error))?)
+    write_arrays(path, (HEADER, header), arrays)
 }
 
 /// What is in the file at `path`, if there is one.
@@ -135,11 +127,7 @@ pub fn write(
 /// # Errors
 /// [`TrainError::File`] if it cannot be read or is no checkpoint of this version.
 pub fn read(path: &Path) -> Result<Option<Restored>, TrainError> {
-    let bytes = match fs::read(path) {
-        Ok(bytes) => bytes,
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
-        Err(error) => return Err(TrainError::file(path, error)),
-    };
+    let Some(bytes) = read_if_there(path)? else { return Ok(None) };
     let failed = |error: &dyn std::fmt::Display| {
         TrainError::file(path, format!("is no expert's checkpoint of this version: {error}"))
     };

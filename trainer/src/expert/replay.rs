@@ -1,15 +1,13 @@
 //! Transitions to learn from, the newest of a run.
 
-use std::collections::HashMap;
-use std::fs;
 use std::path::Path;
 
 use palr_gym_core::random::Generator;
-use safetensors::tensor::{Dtype, SafeTensors, TensorView, serialize};
+use safetensors::tensor::{Dtype, SafeTensors};
 use serde::{Deserialize, Serialize};
 
 use crate::expert::agent::Batch;
-use crate::learning::checkpoint::write_whole;
+use crate::learning::checkpoint::{read_if_there, write_arrays};
 use crate::learning::error::TrainError;
 
 /// The metadata entry of a file that holds a [`Header`].
@@ -69,14 +67,7 @@ impl Replay {
     pub fn write(&self, path: &Path, step: u64) -> Result<(), TrainError> {
         let failed = |error: &dyn std::fmt::Display| TrainError::file(path, error);
         let header = serde_json::to_string(&self.header(step)).map_err(|error| failed(&error))?;
-        let views = self.contents.arrays().map(|(name, array)| {
-            let view = TensorView::new(Dtype::F32, vec![array.len()], bytemuck::cast_slice(array))?;
-            Ok::<_, safetensors::SafeTensorError>((name, view))
-        });
-        let views = views.into_iter().collect::<Result<Vec<_>, _>>();
-        let views = views.map_err(|error| failed(&error))?;
-        let metadata = HashMap::from([(HEADER.to_owned(), header)]);
-        write_whole(path, &serialize(views, Some(metadata)).map_err(|error| failed(&error))?)
+        write_arrays(path, (HEADER, header), self.contents.arrays())
     }
 
     /// What [`Self::write`] left at `path`; false, and nothing changed, if no file is there or it is
@@ -85,13 +76,14 @@ impl Replay {
     /// # Errors
     /// [`TrainError::File`] if it cannot be read.
     pub fn read(&mut self, path: &Path, step: u64) -> Result<bool, TrainError> {
-        let bytes = match fs::read(path) {
-            Ok(bytes) => bytes,
-            Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(false),
-            Err(error) => return Err(TrainError::file(path, error)),
-        };
+        let Some(bytes) = read_if_there(path)? else { return Ok(false) };
         let failed = |error: &dyn std::fmt::Display| {
-            TrainError::file(path, format!("is no replay: {error}"))
+            TrainError::file(
+                path,
+                format!(
+                    "is no replay: {error}. Without the file, the run collects transitions anew"
+                ),
+            )
         };
         let (_, metadata) = SafeTensors::read_metadata(&bytes).map_err(|error| failed(&error))?;
         let header = metadata.metadata().as_ref().and_then(|metadata| metadata.get(HEADER));

@@ -77,6 +77,37 @@ pub fn write(
     write_whole(path, &bytes)
 }
 
+/// Replaces the file at `path` with `arrays` and `header`, a text, as the metadata entry `key`.
+///
+/// # Errors
+/// [`TrainError::File`].
+pub(crate) fn write_arrays<'a, N: AsRef<str> + Ord + std::fmt::Display>(
+    path: &Path,
+    (key, header): (&str, String),
+    arrays: impl IntoIterator<Item = (N, &'a [f32])>,
+) -> Result<(), TrainError> {
+    let failed = |error: &dyn std::fmt::Display| TrainError::file(path, error);
+    let views = arrays.into_iter().map(|(name, array)| {
+        let view = TensorView::new(Dtype::F32, vec![array.len()], bytemuck::cast_slice(array))?;
+        Ok::<_, safetensors::SafeTensorError>((name, view))
+    });
+    let views: Vec<_> = views.collect::<Result<_, _>>().map_err(|error| failed(&error))?;
+    let metadata = HashMap::from([(key.to_owned(), header)]);
+    write_whole(path, &serialize(views, Some(metadata)).map_err(|error| failed(&error))?)
+}
+
+/// The bytes of the file at `path`, if there is one.
+///
+/// # Errors
+/// [`TrainError::File`] if it cannot be read.
+pub(crate) fn read_if_there(path: &Path) -> Result<Option<Vec<u8>>, TrainError> {
+    match fs::read(path) {
+        Ok(bytes) => Ok(Some(bytes)),
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
+        Err(error) => Err(TrainError::file(path, error)),
+    }
+}
+
 /// The state in the file at `path`, if there is one. `fresh` is the method's state before step 1.
 ///
 /// # Errors
@@ -88,11 +119,7 @@ pub fn read(
     data_fingerprint: u32,
     fresh: &State,
 ) -> Result<Option<State>, TrainError> {
-    let bytes = match fs::read(path) {
-        Ok(bytes) => bytes,
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
-        Err(error) => return Err(TrainError::file(path, error)),
-    };
+    let Some(bytes) = read_if_there(path)? else { return Ok(None) };
     let failed = |error: &dyn std::fmt::Display| {
         TrainError::file(path, format!("is no checkpoint of this version: {error}"))
     };
@@ -145,11 +172,7 @@ pub fn read(
 /// # Errors
 /// [`TrainError::File`] if it cannot be read.
 pub fn steps_taken(path: &Path) -> Result<Option<u64>, TrainError> {
-    let bytes = match fs::read(path) {
-        Ok(bytes) => bytes,
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
-        Err(error) => return Err(TrainError::file(path, error)),
-    };
+    let Some(bytes) = read_if_there(path)? else { return Ok(None) };
     let step = SafeTensors::read_metadata(&bytes).ok().and_then(|(_, metadata)| {
         let header = metadata.metadata().as_ref()?.get(HEADER)?;
         serde_json::from_str::<serde_json::Value>(header).ok()?.get("step")?.as_u64()

@@ -53,7 +53,7 @@ pub struct ExpertTrainArguments {
     /// Environment, such as hopper.
     #[arg(long, value_name = "ID")]
     pub env: String,
-    /// How the critics estimate returns: tqc or sac [default: tqc].
+    /// How the critics estimate returns: tqc or sac [default: tqc; on ant: sac].
     #[arg(long, value_name = "KIND")]
     pub critic: Option<String>,
     /// Transitions to collect in all [default: 8000000].
