@@ -5,12 +5,13 @@
 //! was restored looks as the original did, and speed does not show in a single frame.
 //!
 //! # Layout
-//! - `gl`: OpenGL contexts by OSMesa or EGL, found at run time.
+//! - `gl`: OpenGL contexts by OSMesa or EGL, found at run time; threads draw side by side.
 //! - `canvas`: MuJoCo's renderer on such a context; one context a thread and scene, kept while the
-//!   thread lives.
+//!   thread lives. `frustum`: what its camera cannot see is not drawn.
 //! - `weather`: light, fog and tints; `pieces`: which parts of a scene are there.
 
 mod canvas;
+mod frustum;
 mod gl;
 mod pieces;
 mod weather;
@@ -152,6 +153,7 @@ pub fn draw(
     canvas::with_canvas(choice, physics.model(), |canvas| {
         canvas.pose(physics, camera)?;
         canvas.set_pieces(pieces);
+        canvas.cull(width, height);
         canvas.set_weather(weather);
         let rows = canvas.draw(width, height)?;
         picture.clear();

@@ -6,12 +6,13 @@ use std::mem::MaybeUninit;
 use std::sync::Arc;
 
 use mujoco_rs::mujoco_c::{
-    mjr_defaultContext, mjr_freeContext, mjrContext, mjv_defaultCamera, mjv_defaultFreeCamera,
-    mjv_defaultOption, mjv_defaultPerturb, mjv_defaultScene, mjv_freeScene, mjv_makeScene,
-    mjvCamera, mjvGeom, mjvOption, mjvPerturb, mjvScene,
+    mjr_defaultContext, mjr_freeContext, mjrContext, mjv_averageCamera, mjv_defaultCamera,
+    mjv_defaultFreeCamera, mjv_defaultOption, mjv_defaultPerturb, mjv_defaultScene, mjv_freeScene,
+    mjv_makeScene, mjvCamera, mjvGeom, mjvOption, mjvPerturb, mjvScene,
 };
 use mujoco_rs::prelude::{MjData, MjModel, MjtObjBase};
 
+use super::frustum::Frustum;
 use super::gl::{self, Context};
 use super::{GlChoice, Pieces, RenderError, Weather};
 use crate::guard::{self, EngineError};
@@ -84,9 +85,7 @@ pub(super) fn with_canvas<R>(
                 if canvases.len() >= MAX_CANVASES {
                     canvases.remove(0);
                 }
-                let canvas = Canvas::new(model, Context::new(loaded)?)?;
-                gl::remember_info(loaded);
-                canvas
+                Canvas::new(model, Context::new(loaded)?)?
             }
         };
         let done = work(&mut canvas);
@@ -96,6 +95,26 @@ pub(super) fn with_canvas<R>(
         }
         done
     })
+}
+
+/// Of the model's geom that is drawn here, if it is one.
+fn geom_id(geom: &mjvGeom) -> Option<usize> {
+    usize::try_from(geom.objid).ok().filter(|_| geom.objtype == OBJECT_GEOM)
+}
+
+/// Leaves in a scene what `is_kept` says, in the order it was in.
+fn retain_geoms(scene: &mut mjvScene, is_kept: impl Fn(&mjvGeom) -> bool) {
+    let count = usize::try_from(scene.ngeom).unwrap_or(0);
+    // SAFETY: MuJoCo has filled that many geoms, and nothing else holds them now.
+    let geoms = unsafe { std::slice::from_raw_parts_mut(scene.geoms, count) };
+    let mut kept = 0;
+    for index in 0..count {
+        if is_kept(&geoms[index]) {
+            geoms.swap(kept, index);
+            kept += 1;
+        }
+    }
+    scene.ngeom = kept as i32;
 }
 
 /// The names of a scene's cameras.
@@ -199,22 +218,23 @@ impl Canvas {
     pub(super) fn set_pieces(&mut self, pieces: Option<&Pieces>) {
         let Some(pieces) = pieces else { return };
         let numbers = self.model.geom_user();
-        let count = usize::try_from(self.scene.ngeom).unwrap_or(0);
-        // SAFETY: MuJoCo has filled that many geoms, and nothing else holds them now.
-        let geoms = unsafe { std::slice::from_raw_parts_mut(self.scene.geoms, count) };
-        let is_there = |geom: &mjvGeom| {
-            let number = usize::try_from(geom.objid).ok().and_then(|id| numbers.get(id));
-            let piece = number.filter(|_| geom.objtype == OBJECT_GEOM);
+        retain_geoms(&mut self.scene, |geom| {
+            let piece = geom_id(geom).and_then(|id| numbers.get(id));
             piece.is_none_or(|&piece| pieces.contains(piece as usize))
-        };
-        let mut kept = 0;
-        for index in 0..count {
-            if is_there(&geoms[index]) {
-                geoms.swap(kept, index);
-                kept += 1;
-            }
-        }
-        self.scene.ngeom = kept as i32;
+        });
+    }
+
+    /// Takes away what a picture of this size does not show.
+    pub(super) fn cull(&mut self, width: usize, height: usize) {
+        // SAFETY: reads two cameras and makes a third of them: the one that `mjr_render` looks through.
+        let camera = unsafe { mjv_averageCamera(&self.scene.camera[0], &self.scene.camera[1]) };
+        let Some(frustum) = Frustum::new(&camera, width as f32 / height as f32) else { return };
+        let radii = self.model.geom_rbound();
+        retain_geoms(&mut self.scene, |geom| {
+            let radius = geom_id(geom).and_then(|id| radii.get(id));
+            // A plane has no end, and says 0.
+            radius.is_none_or(|&radius| radius <= 0.0 || frustum.may_show(geom.pos, radius as f32))
+        });
     }
 
     /// Changes light, fog and colours of what [`pose`](Self::pose) took up.
@@ -251,6 +271,12 @@ impl Canvas {
                 }
             }
         }
+    }
+
+    /// How many geoms are to be drawn.
+    #[cfg(test)]
+    pub(super) fn geoms(&self) -> i32 {
+        self.scene.ngeom
     }
 
     /// `[height, width, 3]`, from the lowest row up.

@@ -179,6 +179,48 @@ fn frames_do_not_depend_on_the_thread_that_draws_them() {
 }
 
 #[test]
+fn what_is_left_out_would_not_have_been_seen() {
+    if cannot_draw() {
+        return;
+    }
+    let mut left_out = 0;
+    for name in ["lane", "town", "ant"] {
+        for seed in 0..12 {
+            let options = SceneOptions { weather: WeatherMode::Random, ..SceneOptions::default() };
+            let options = (name != "ant").then_some(options);
+            let (task, spec) = resolve_scene(name, options).unwrap();
+            let mut env = Env::new(task, &Arc::new(spec)).unwrap();
+            env.reset(Some(seed)).unwrap();
+            for &camera in task.spec().camera_names {
+                for (width, height) in [(96, 96), (200, 40), (30, 120)] {
+                    let mut draw = |culls: bool| {
+                        let drawn = task.scene().on_workbench(|physics| {
+                            physics.load(env.state()).unwrap();
+                            canvas::with_canvas(GlChoice::Auto, physics.model(), |canvas| {
+                                canvas.pose(physics, Some(camera))?;
+                                canvas.set_pieces(task.pieces(physics).as_ref());
+                                let geoms = canvas.geoms();
+                                if culls {
+                                    canvas.cull(width, height);
+                                }
+                                left_out += geoms - canvas.geoms();
+                                canvas.set_weather(task.weather(physics).as_ref());
+                                Ok(canvas.draw(width, height)?.to_vec())
+                            })
+                        });
+                        drawn.unwrap().unwrap()
+                    };
+                    let whole = draw(false);
+                    let what = format!("{name} {seed} {camera} {width} x {height}");
+                    assert!(draw(true) == whole, "{what}");
+                }
+            }
+        }
+    }
+    assert!(left_out > 1000, "{left_out}");
+}
+
+#[test]
 fn a_town_shows_the_streets_of_its_seed_and_no_others() {
     if cannot_draw() {
         return;
