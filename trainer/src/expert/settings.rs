@@ -27,8 +27,9 @@ pub struct ExpertSettings {
     pub replay: usize,
     /// Transitions of uniformly random actions before the first update.
     pub learning_starts: u64,
-    /// Transitions that a resumed run collects before it updates anything, at most as many as the
-    /// interrupted run kept.
+    /// Transitions that a resumed run without its replay collects before it updates anything, at
+    /// most as many as the interrupted run kept. Few of them are all alike, and undo what was
+    /// learned: ant collapsed after 200 000 and went on after 1 000 000.
     pub refill: u64,
     /// Of Adam, for all networks and the temperature.
     pub learning_rate: f64,
@@ -89,7 +90,7 @@ impl Default for ExpertSettings {
             batch: 256,
             replay: 1_000_000,
             learning_starts: 10_000,
-            refill: 200_000,
+            refill: 1_000_000,
             learning_rate: 3e-4,
             discount: 0.99,
             polyak: 0.005,
