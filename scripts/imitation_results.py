@@ -3,8 +3,9 @@
     .venv/bin/python scripts/imitation_results.py add NAME FOLDER...
     .venv/bin/python scripts/imitation_results.py
 
-The first sums up the runs below the folders; both write the tables in docs anew. The results are
-in docs/imitation.json; the tables stand between markers in docs/*.md.
+The first sums up the runs below the folders, which take the places of those of the same settings
+and seeds; both write the tables in docs anew. The results are in docs/imitation.json; the tables
+stand between markers in docs/*.md.
 """
 
 import argparse
@@ -77,6 +78,18 @@ def _lines(path: Path) -> list[dict[str, Any]]:
 def results() -> dict[str, list[Run]]:
     """All experiments by their names."""
     return json.loads(RESULTS.read_text()) if RESULTS.exists() else {}
+
+
+def _settings(run: Run) -> tuple[Any, ...]:
+    alpha = -1.0 if run["alpha"] is None else run["alpha"]
+    weights = run["weights"] or ""
+    return (run["env"], run["algorithm"], alpha, weights, run["steps"], run["seed"])
+
+
+def merged(old: Iterable[Run], new: Iterable[Run]) -> list[Run]:
+    """Both, in the order of their settings; of the same settings and seed, the new one."""
+    runs = {_settings(run): run for run in [*old, *new]}
+    return [runs[settings] for settings in sorted(runs)]
 
 
 def _grouped(runs: Iterable[Run], key: Callable[[Run], Any]) -> dict[Any, list[Run]]:
@@ -205,7 +218,9 @@ def main() -> None:
         )
         if not folders:
             raise SystemExit(f"no run in or below {', '.join(map(str, arguments.folders))}")
-        all_results = results() | {arguments.name: [summed_up(folder) for folder in folders]}
+        all_results = results()
+        runs = merged(all_results.get(arguments.name, []), map(summed_up, folders))
+        all_results[arguments.name] = runs
         RESULTS.write_text(json.dumps(all_results, indent=1) + "\n")
     for document in sorted({file for file, _, _ in TABLES.values()}):
         path = DOCS / document

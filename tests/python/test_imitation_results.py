@@ -70,3 +70,16 @@ def test_a_score_is_the_mean_of_the_last_half_and_the_likeliest_change_is_chosen
     unfinished = run_folder(tmp_path, "unfinished", 1.0, [])
     with pytest.raises(SystemExit, match="unfinished has not ended"):
         imitation_results.summed_up(unfinished)
+
+
+def test_new_runs_take_the_places_of_those_with_their_settings_and_seeds(tmp_path: Path) -> None:
+    def run(name: str, alpha: float, score: float) -> imitation_results.Run:
+        return imitation_results.summed_up(run_folder(tmp_path, name, alpha, [score]))
+
+    old = [run("a", 2.0, 10.0), run("b", 1.0, 20.0)]
+    merged = imitation_results.merged(old, [run("c", 2.0, 30.0), run("d", 3.0, 40.0)])
+    assert [(run["alpha"], run["score"]) for run in merged] == [
+        (1.0, 20.0),
+        (2.0, 30.0),
+        (3.0, 40.0),
+    ]
