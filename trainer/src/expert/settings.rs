@@ -185,8 +185,8 @@ impl ExpertSettings {
         Ok(())
     }
 
-    /// True if a run with `other` can go on with these: only how long it runs and how it reports
-    /// may differ.
+    /// True if a run with `other` can go on with these: how long it runs, how it reports, how much it
+    /// collects and how it learns from there on may differ; what it is and what its networks are, not.
     #[must_use]
     pub fn continues(&self, other: &Self) -> bool {
         let reporting = Self {
@@ -202,6 +202,7 @@ impl ExpertSettings {
             learning_rate: self.learning_rate,
             actor_every: self.actor_every,
             actor_average: self.actor_average,
+            target_entropy: self.target_entropy,
             ..other.clone()
         };
         *self == reporting
