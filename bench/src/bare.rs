@@ -5,9 +5,10 @@
 use std::ffi::{CStr, c_int, c_uint, c_void};
 use std::ptr::null_mut;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 use anyhow::{Context as _, ensure};
-use libloading::os::unix::{Library, RTLD_GLOBAL, RTLD_NOW};
+use libloading::os::unix::{Library, RTLD_GLOBAL, RTLD_LOCAL, RTLD_NOW};
 use mujoco_rs::prelude::{
     MjData, MjModel, MjrContext, MjrRectangle, MjvCamera, MjvOption, MjvPerturb, MjvScene,
 };
@@ -36,7 +37,9 @@ impl Osmesa {
         };
         // SAFETY: Mesa's libraries do nothing at loading that another thread could mind.
         let open = |name| unsafe { Library::open(Some(name), RTLD_NOW | RTLD_GLOBAL) }.ok();
-        let library = names.into_iter().find_map(open).context("there is no libOSMesa")?;
+        // Where MuJoCo finds OpenGL's functions; they work on every copy's contexts.
+        std::mem::forget(names.into_iter().find_map(open).context("there is no libOSMesa")?);
+        let library = own_copy()?;
         let (create, make_current): (Create, MakeCurrent) = (
             function(&library, c"OSMesaCreateContextExt")?,
             function(&library, c"OSMesaMakeCurrent")?,
@@ -53,6 +56,25 @@ impl Osmesa {
         std::mem::forget(library);
         Ok(Self)
     }
+}
+
+/// OSMesa once more, from a file of its own. Threads that draw with one copy wait for each other.
+fn own_copy() -> anyhow::Result<Library> {
+    static COPIES: AtomicUsize = AtomicUsize::new(0);
+    let maps = std::fs::read_to_string("/proc/self/maps")?;
+    let path = maps
+        .lines()
+        .filter_map(|line| line.find('/').map(|at| &line[at..]))
+        .find(|path| path.contains("libOSMesa.so"))
+        .context("the loaded libOSMesa has no file")?;
+    let number = COPIES.fetch_add(1, Ordering::Relaxed);
+    let name = format!("palr-gym-bench-{}-{number}.so", std::process::id());
+    let copy = std::env::temp_dir().join(name);
+    std::fs::copy(path, &copy)?;
+    // SAFETY: as for the first one.
+    let library = unsafe { Library::open(Some(&copy), RTLD_NOW | RTLD_LOCAL) };
+    std::fs::remove_file(&copy)?;
+    Ok(library?)
 }
 
 fn function<T: Copy>(library: &Library, name: &CStr) -> anyhow::Result<T> {
