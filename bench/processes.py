@@ -27,7 +27,7 @@ def environment() -> dict[str, str]:
     return kept | {"PYTHONPATH": str(ROOT), "PYTHONWARNINGS": "ignore"}
 
 
-def ran(command: Sequence[str]) -> str:
+def ran(command: Sequence[str], timeout_s: float = _TIMEOUT_S) -> str:
     """Runs `command` and returns what it printed.
 
     Raises:
@@ -42,7 +42,7 @@ def ran(command: Sequence[str]) -> str:
                 env=environment(),
                 capture_output=True,
                 text=True,
-                timeout=_TIMEOUT_S,
+                timeout=timeout_s,
                 check=False,
             )
         except (OSError, subprocess.TimeoutExpired) as error:
@@ -53,13 +53,13 @@ def ran(command: Sequence[str]) -> str:
     return done.stdout
 
 
-def measured(command: Sequence[str]) -> dict[str, Any]:
+def measured(command: Sequence[str], timeout_s: float = _TIMEOUT_S) -> dict[str, Any]:
     """Runs `command` and returns the JSON on the last line of its standard output.
 
     Raises:
         ContenderError: It failed, took too long, or printed something else.
     """
-    output = ran(command)
+    output = ran(command, timeout_s)
     try:
         return json.loads(output.splitlines()[-1])
     except (IndexError, json.JSONDecodeError):
