@@ -187,6 +187,24 @@ def test_a_stopped_or_killed_run_goes_on_and_what_it_exports_is_whole(tmp_path: 
     assert "is of a run with other settings" in other.stderr
 
 
+def test_a_resumed_run_learns_by_its_new_settings(tmp_path: Path) -> None:
+    recipe = reference.Recipe("hopper", "sac", 0, 4, 0, 80, 32, 24, 25, 5)
+    folder = tmp_path / "run"
+    line = command(recipe, folder, 400)
+    subprocess.run(line, check=True, capture_output=True, timeout=50)
+    before = safetensors.load_file(folder / "checkpoint.safetensors")
+    more = ["--resume", "--set", "steps=800", "--set", "learning_rate=1e-9"]
+    resumed = [*line, *more]
+    outcome = subprocess.run(resumed, check=True, capture_output=True, text=True, timeout=50)
+    assert json.loads(outcome.stdout)["counters"]["step"] == 800
+    after = safetensors.load_file(folder / "checkpoint.safetensors")
+    for name in ("actor", "critic_1", "critic_2", "temperature"):
+        moved = np.abs(after[f"{name}.parameters"] - before[f"{name}.parameters"]).max()
+        moment = f"{name}.adam.first_moment"
+        assert moved < 1e-6, name
+        assert np.abs(after[moment] - before[moment]).max() > 0, name
+
+
 def wait_for(path: Path, process: "subprocess.Popen[bytes]") -> None:
     """Until the file is there and has something in it."""
     deadline = time.monotonic() + 30

@@ -44,6 +44,31 @@ struct Rule {
     actor_average: f32,
 }
 
+impl Rule {
+    fn new(settings: &ExpertSettings, action_size: usize) -> Self {
+        let (outputs, dropped) = returns(settings);
+        Self {
+            critic: settings.critic,
+            outputs,
+            dropped,
+            learning_rate: settings.learning_rate,
+            discount: settings.discount as f32,
+            polyak: settings.polyak as f32,
+            target_entropy: settings.target_entropy.unwrap_or(-(action_size as f64)),
+            actor_every: settings.actor_every,
+            actor_average: settings.actor_average as f32,
+        }
+    }
+}
+
+/// How many returns a critic tells, and how many of both critics' are dropped.
+fn returns(settings: &ExpertSettings) -> (usize, usize) {
+    match settings.critic {
+        CriticKind::Sac => (1, 1),
+        CriticKind::Tqc => (settings.quantiles, 2 * settings.dropped_quantiles),
+    }
+}
+
 /// Transitions to learn from.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Batch {
@@ -126,10 +151,7 @@ impl Agent {
     /// Before its first update.
     #[must_use]
     pub fn new(settings: &ExpertSettings, observation_size: usize, action_size: usize) -> Self {
-        let (outputs, dropped) = match settings.critic {
-            CriticKind::Sac => (1, 1),
-            CriticKind::Tqc => (settings.quantiles, 2 * settings.dropped_quantiles),
-        };
+        let (outputs, _) = returns(settings);
         let network = |name, layers, number| {
             Network::new(name, layers, Initialization::Uniform, settings.seed, number)
         };
@@ -145,17 +167,7 @@ impl Agent {
         Self {
             observation_size,
             action_size,
-            rule: Rule {
-                critic: settings.critic,
-                outputs,
-                dropped,
-                learning_rate: settings.learning_rate,
-                discount: settings.discount as f32,
-                polyak: settings.polyak as f32,
-                target_entropy: settings.target_entropy.unwrap_or(-(action_size as f64)),
-                actor_every: settings.actor_every,
-                actor_average: settings.actor_average as f32,
-            },
+            rule: Rule::new(settings, action_size),
             averaged_actor: actor.parameters.clone(),
             actor,
             targets: [critics[0].parameters.clone(), critics[1].parameters.clone()],
@@ -164,6 +176,11 @@ impl Agent {
             updates: 0,
             scratch: Scratch::default(),
         }
+    }
+
+    /// Learns by `settings` from here on; what its networks are stays.
+    pub fn follow(&mut self, settings: &ExpertSettings) {
+        self.rule = Rule::new(settings, self.action_size);
     }
 
     /// Width of an observation.

@@ -74,14 +74,15 @@ pub struct Restored {
 }
 
 impl Restored {
-    /// Without the best policy so far if evaluations have another number of `episodes` now: the best
-    /// of few is mostly lucky.
+    /// Goes on by `settings`. If evaluations have another number of episodes there, the best policy so
+    /// far is forgotten: the best of few is mostly lucky.
     #[must_use]
-    pub fn measured_by(mut self, episodes: u32) -> Self {
-        if self.settings.episodes != episodes {
+    pub fn continued_by(mut self, settings: &ExpertSettings) -> Self {
+        if self.settings.episodes != settings.episodes {
             self.counters.best = None;
             self.best.clear();
         }
+        self.agent.follow(settings);
         self
     }
 }

@@ -156,7 +156,7 @@ impl ExpertRun {
                 .into();
             return Err(ClientError::RunFolder { path: run.folder().into(), message });
         }
-        let restored = restored.map(|restored| restored.measured_by(settings.episodes));
+        let restored = restored.map(|restored| restored.continued_by(&settings));
         Ok(Self { run, settings, restored, replay_file })
     }
 
