@@ -15,6 +15,8 @@ use mujoco_rs::prelude::{
 
 /// The default framebuffer is never drawn to.
 const WINDOW_PX: c_int = 16;
+/// Of dlfcn.h: a library's own functions come before those that the whole process sees.
+const RTLD_DEEPBIND: c_int = 8;
 const EXTRA_GEOMS: usize = 64;
 // Of MuJoCo's mjtRndFlag.
 const SHADOW: usize = 0;
@@ -72,7 +74,7 @@ fn own_copy() -> anyhow::Result<Library> {
     let copy = std::env::temp_dir().join(name);
     std::fs::copy(path, &copy)?;
     // SAFETY: as for the first one.
-    let library = unsafe { Library::open(Some(&copy), RTLD_NOW | RTLD_LOCAL) };
+    let library = unsafe { Library::open(Some(&copy), RTLD_NOW | RTLD_LOCAL | RTLD_DEEPBIND) };
     std::fs::remove_file(&copy)?;
     Ok(library?)
 }

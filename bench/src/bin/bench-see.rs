@@ -8,7 +8,7 @@ use std::time::Instant;
 
 use clap::{Parser, Subcommand};
 use palr_gym_bench::{Seen, cpu_s, report};
-use palr_gym_sim::render::{GlChoice, View};
+use palr_gym_sim::render::{GlChoice, View, prepare_process};
 use palr_gym_sim::{Env, resolve};
 use palr_gym_vision::{Extractor, ExtractorLimits};
 
@@ -45,6 +45,8 @@ enum Command {
 }
 
 fn main() -> anyhow::Result<()> {
+    // Else Mesa starts threads of its own.
+    prepare_process();
     palr_gym_sim::mujoco_log::route_to_log();
     let seen = match Cli::parse().command {
         Command::Render { pictures, threads } => render(pictures, threads)?,
