@@ -16,7 +16,7 @@ _METHODS = (
 _FULL_STEPS = 500_000
 _MEASURED_STEPS = 2000
 _WARM_UP = 100
-# The slowest method takes a third of a CPU second a step.
+# The slowest method takes seven tenths of a CPU second a step.
 _TIMEOUT_S = 3600.0
 _UNIT = f"CPU hours for {_FULL_STEPS} steps, extrapolated from {_MEASURED_STEPS}"
 
