@@ -29,6 +29,9 @@ RECIPES = [
     reference.Recipe("ant", "tqc", 1, 3, 2, 60, 32, 24, 5, 1),
     reference.Recipe("walker2d", "tqc", 2, 1, 4, 60, 32, 24, 5, 1, actor_every=2),
     reference.Recipe("hopper", "sac", 3, 2, 6, 80, 32, 24, 25, 5, actor_average=0.25),
+    reference.Recipe(
+        "ant", "sac", 6, 2, 4, 80, 32, 24, 25, 5, perturbation=0.4, perturbation_duration=8
+    ),
 ]
 
 
@@ -41,6 +44,8 @@ def command(recipe: reference.Recipe, out: Path, steps: int) -> list[str]:
         "updates_per_step": 1 / recipe.num_envs,
         "actor_every": recipe.actor_every,
         "actor_average": recipe.actor_average,
+        "perturbation": recipe.perturbation,
+        "perturbation_duration": recipe.perturbation_duration,
         "learning_starts": recipe.learning_starts,
         "batch": recipe.batch,
         "hidden": recipe.hidden,
@@ -221,6 +226,12 @@ def wait_for(path: Path, process: "subprocess.Popen[bytes]") -> None:
         (["--env", "hopper", "--set", "batch=0"], "batch is 0; expected at least 1"),
         (["--env", "hopper", "--set", "bach=1"], "there is no setting `bach`"),
         (["--env", "hopper", "--critic", "ddpg"], "ddpg"),
+        (["--env", "hopper", "--set", "batch=many"], "batch: invalid type: string"),
+        (["--env", "ant", "--set", "perturbation=-1"], "perturbation is -1; expected"),
+        (
+            ["--env", "ant", "--set", "perturbation_duration=0.5"],
+            "is 0.5; expected at least 1 step",
+        ),
         (["--env", "hopper", "--set", "dropped_quantiles=25"], "fewer than the 25 quantiles"),
         (["--env", "hopper", "--from", "/nowhere"], "there is no such checkpoint"),
     ],

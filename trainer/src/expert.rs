@@ -3,7 +3,8 @@
 //! # Layout
 //! - [`settings`]: what decides a run.
 //! - [`agent`]: the networks and their update; [`actor`], [`critic`] and [`mlp`] are its parts.
-//! - [`replay`], [`collector`]: transitions, and the environments that they come from.
+//! - [`replay`], [`collector`]: transitions, and the environments that they come from;
+//!   [`perturbation`]: pushes on these.
 //! - [`run`]: the loop, in a folder of its own, with its [`records`]; [`checkpoint`] is how it survives being killed.
 //! - [`export`]: the finished policy; [`card`]: what is known about it; [`fitness`]: whether it can be
 //!   imitated.
@@ -21,6 +22,7 @@ pub mod critic;
 pub mod export;
 pub mod fitness;
 pub mod mlp;
+pub mod perturbation;
 pub mod records;
 pub mod replay;
 pub mod run;

@@ -24,7 +24,7 @@ from support.methods_parts import (
 )
 from support.reference import gymnasium_env
 
-BATCH, NOISE, EXPLORATION = 2, 4, 7
+BATCH, NOISE, EXPLORATION, PERTURBATION = 2, 4, 7, 8
 LARGEST_ACTION = np.float32(1 - 2.0**-24)
 
 
@@ -47,6 +47,8 @@ class Recipe:
     polyak: float = 0.005
     actor_every: int = 1
     actor_average: float = 1.0
+    perturbation: float = 0.0
+    perturbation_duration: float = 1.0
 
 
 @dataclass
@@ -165,6 +167,7 @@ class Run:
         self.log_temperature = Adam(jnp.zeros(1))
         self.losses: list[dict[str, float]] = []
         self._replay = Replay()
+        self._pushes = np.zeros((recipe.num_envs, self._action_size), np.float32)
         self._collect()
 
     def _network(self, number: int, inputs: int, outputs: int) -> Parameters:
@@ -190,14 +193,27 @@ class Run:
                 is_learning = len(self._replay.rows) > recipe.learning_starts
             if is_learning:
                 self._update()
+            self._push(rounds)
             self._step(actions)
             rounds += 1
             if len(self.losses) == recipe.updates:
                 return
 
+    def _push(self, number: int) -> None:
+        std, duration = self.recipe.perturbation, self.recipe.perturbation_duration
+        if std == 0:
+            return
+        memory = np.float32(1 - 1 / duration)
+        normals = Normals(stream(self.recipe.seed, PERTURBATION, number)).draw(*self._pushes.shape)
+        fresh = np.float32(std) * np.sqrt(1 - memory * memory)
+        self._pushes = memory * self._pushes + fresh * np.asarray(normals, np.float32)
+
     def _step(self, actions: Any) -> None:
         for i, (env, action) in enumerate(zip(self._envs, actions, strict=True)):
-            observation, reward, terminated, truncated, _ = env.step(action)
+            pushed = action
+            if self.recipe.perturbation:
+                pushed = (action + self._pushes[i]).clip(-LARGEST_ACTION, LARGEST_ACTION)
+            observation, reward, terminated, truncated, _ = env.step(pushed)
             after = observation.astype(np.float32)
             row = (self._observations[i], action, np.float32(reward), after, 1.0 - terminated)
             self._replay.rows.append(row)

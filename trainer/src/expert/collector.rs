@@ -5,6 +5,7 @@ use palr_gym_proto::v1;
 use crate::client::Client;
 use crate::error::ClientError;
 use crate::expert::replay::{Replay, Transition};
+use crate::expert::settings::ExpertSettings;
 use crate::session::Session;
 
 /// N environments, each with what it shows now.
@@ -15,8 +16,10 @@ pub struct Collector {
     num_envs: usize,
     /// `[num_envs, observation size]`.
     observations: Vec<f32>,
-    /// Of the step that is under way.
+    /// Of the step that is under way: what is learnt from.
     actions: Vec<f32>,
+    /// What the environments got.
+    sent: Vec<f32>,
     returns: Vec<f64>,
 }
 
@@ -30,18 +33,18 @@ pub struct Collected {
 }
 
 impl Collector {
-    /// Opens `num_envs` environments and resets number i with seed + i.
+    /// Opens as many environments as `settings` say and resets number i with `seed` + i.
     ///
     /// # Errors
     /// [`ClientError::Status`].
     pub async fn open(
         client: &Client,
-        env: &str,
-        num_envs: usize,
+        settings: &ExpertSettings,
         seed: u64,
     ) -> Result<Self, ClientError> {
+        let num_envs = settings.num_envs;
         let request = v1::OpenSessionRequest {
-            env_id: env.to_owned(),
+            env_id: settings.env.clone(),
             num_envs: Some(num_envs as u32),
             autoreset_mode: v1::AutoresetMode::SameStep.into(),
             observation_dtype: v1::DataType::Float32.into(),
@@ -63,6 +66,7 @@ impl Collector {
             num_envs,
             observations,
             actions: Vec::new(),
+            sent: Vec::new(),
             returns: vec![0.0; num_envs],
         })
     }
@@ -85,16 +89,24 @@ impl Collector {
         &self.observations
     }
 
-    /// Begins a step with `actions`, `[num_envs, action size]`.
+    /// Begins a step with `actions`, `[num_envs, action size]`. The environments get `pushes` on top,
+    /// as many or none; the replay does not.
     ///
     /// # Errors
     /// [`ClientError::Status`].
-    pub fn send(&mut self, actions: &[f32]) -> Result<(), ClientError> {
-        self.actions.clear();
+    pub fn send(&mut self, actions: &[f32], pushes: &[f32]) -> Result<(), ClientError> {
         // tanh rounds to 1 in single precision; an action of exactly ±1 has no finite density.
         const LARGEST: f32 = 1.0 - f32::EPSILON / 2.0;
-        self.actions.extend(actions.iter().map(|action| action.clamp(-LARGEST, LARGEST)));
-        self.session.send_step(&self.actions)
+        let inside = |action: f32| action.clamp(-LARGEST, LARGEST);
+        self.actions.clear();
+        self.actions.extend(actions.iter().map(|&action| inside(action)));
+        if pushes.is_empty() {
+            return self.session.send_step(&self.actions);
+        }
+        self.sent.clear();
+        let pairs = self.actions.iter().zip(pushes);
+        self.sent.extend(pairs.map(|(action, push)| inside(action + push)));
+        self.session.send_step(&self.sent)
     }
 
     /// Ends the step that [`Self::send`] began, and keeps what it brought in `replay`.

@@ -28,6 +28,7 @@ use crate::expert::agent::{Agent, Batch, Losses, UpdateNoise};
 use crate::expert::checkpoint::{self, Best, Counters, Restored};
 use crate::expert::collector::Collector;
 use crate::expert::export::ExpertPolicy;
+use crate::expert::perturbation::Perturbation;
 use crate::expert::records::ExpertMetrics;
 use crate::expert::replay::Replay;
 use crate::expert::settings::ExpertSettings;
@@ -216,6 +217,7 @@ struct Training {
     handle: Handle,
     events: UnboundedSender<Event>,
     collector: Collector,
+    perturbation: Option<Perturbation>,
     replay: Replay,
     agent: Agent,
     counters: Counters,
@@ -250,7 +252,7 @@ impl Training {
         let resumed = restored.as_ref().map_or(0, |restored| restored.counters.resumed + 1);
         // A resumed run does not see the same resets again.
         let seed = settings.seed.wrapping_add(u64::from(resumed) << 32);
-        let open = Collector::open(&client, &settings.env, settings.num_envs, seed);
+        let open = Collector::open(&client, &settings, seed);
         let collector = handle.block_on(open)?;
         let (observation_size, action_size) =
             (collector.observation_size(), collector.action_size());
@@ -265,6 +267,7 @@ impl Training {
             let message = "has a checkpoint for an environment of other sizes".into();
             return Err(ClientError::RunFolder { path: run.folder().into(), message });
         }
+        let perturbation = Perturbation::new(&settings, action_size);
         let mut metrics = Track::open(run.folder(), METRICS_FILE, "training", u64::MAX)?;
         let mut evaluations = Track::open(run.folder(), EVALUATIONS_FILE, "evaluation", u64::MAX)?;
         metrics.forget_after(counters.step)?;
@@ -285,6 +288,7 @@ impl Training {
             handle,
             events,
             collector,
+            perturbation,
             replay,
             agent,
             counters,
@@ -351,18 +355,22 @@ impl Training {
     /// One step of all environments, beside so many updates; returns the transitions collected.
     fn round(&mut self, updates: u64) -> Result<u64, ClientError> {
         let settings = &self.settings;
-        let mut generator =
-            stream(settings.seed, Purpose::Exploration, self.counters.rounds as u32);
+        let round = self.counters.rounds as u32;
         self.counters.rounds += 1;
+        let mut generator = stream(settings.seed, Purpose::Exploration, round);
+        let pushes = match &mut self.perturbation {
+            Some(some) => some.next(&mut stream(settings.seed, Purpose::Perturbation, round)),
+            None => &[],
+        };
         let count = settings.num_envs * self.agent.action_size();
         if self.counters.step < settings.learning_starts {
             let actions: Vec<f32> =
                 (0..count).map(|_| generator.uniform(-1.0, 1.0) as f32).collect();
-            self.collector.send(&actions)?;
+            self.collector.send(&actions, pushes)?;
         } else {
             let noise = Normals::new(&mut generator).draw(count, 1.0);
             let actions = self.agent.act(self.collector.observations(), &noise);
-            self.collector.send(actions)?;
+            self.collector.send(actions, pushes)?;
         }
         for _ in 0..updates {
             self.update()?;

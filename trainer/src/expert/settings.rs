@@ -53,6 +53,13 @@ pub struct ExpertSettings {
     pub initial_temperature: f64,
     /// Entropy that the temperature aims at, in nats; none: -(action size).
     pub target_entropy: Option<f64>,
+    /// Standard deviation of the pushes that are added to the actions on their way to the environments,
+    /// not to those that are learnt from; 0: none. A gait that bears them can be imitated.
+    #[serde(default)]
+    pub perturbation: f64,
+    /// Steps that a push lasts: two pushes in a row have the correlation 1 - 1/this.
+    #[serde(default = "whole")]
+    pub perturbation_duration: f64,
     /// Transitions between two reports.
     pub log_every: u64,
     /// Transitions between two evaluations.
@@ -101,6 +108,8 @@ impl Default for ExpertSettings {
             dropped_quantiles: 2,
             initial_temperature: 1.0,
             target_entropy: None,
+            perturbation: 0.0,
+            perturbation_duration: whole(),
             log_every: 5_000,
             evaluate_every: 50_000,
             episodes: 10,
@@ -170,6 +179,14 @@ impl ExpertSettings {
         if let Some(entropy) = self.target_entropy.filter(|entropy| !entropy.is_finite()) {
             return refuse(format!("target_entropy is {entropy}; expected a finite number"));
         }
+        if !(self.perturbation.is_finite() && self.perturbation >= 0.0) {
+            let value = self.perturbation;
+            return refuse(format!("perturbation is {value}; expected a finite number from 0"));
+        }
+        if !(self.perturbation_duration.is_finite() && self.perturbation_duration >= 1.0) {
+            let value = self.perturbation_duration;
+            return refuse(format!("perturbation_duration is {value}; expected at least 1 step"));
+        }
         if self.dropped_quantiles >= self.quantiles {
             return refuse(format!(
                 "dropped_quantiles is {}; expected fewer than the {} quantiles",
@@ -203,6 +220,8 @@ impl ExpertSettings {
             actor_every: self.actor_every,
             actor_average: self.actor_average,
             target_entropy: self.target_entropy,
+            perturbation: self.perturbation,
+            perturbation_duration: self.perturbation_duration,
             ..other.clone()
         };
         *self == reporting

@@ -23,6 +23,8 @@ pub(crate) enum Purpose {
     Predictor = 6,
     /// What an expert in training tries out: one a round of its environments.
     Exploration = 7,
+    /// What its actuators are pushed with: one a round.
+    Perturbation = 8,
     /// Rows of a step's inner updates: the update's number is added.
     InnerBatch = 1000,
     /// What inner updates draw besides rows: the update's number is added.
