@@ -11,6 +11,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 use crate::error::ClientError;
+use crate::learning::config::from_json;
 use crate::learning::{self, Algorithm, TrainConfig, TrainError};
 
 /// Which rows are held out.
@@ -124,7 +125,7 @@ impl Settings {
                 run.insert(key.clone(), value);
             }
         }
-        let run = RunSettings::deserialize(Value::Object(run)).map_err(setting)?;
+        let run = from_json::<RunSettings>(Value::Object(run))?;
         let train = TrainConfig::from_json(Value::Object(train))?;
         let settings = Self { run, train };
         settings.validate()?;
@@ -361,7 +362,7 @@ mod tests {
             (json!({"evaluation": {"episodes": 0}}), "evaluation.episodes is 0"),
             (json!({"training_rows": 0}), "training_rows is 0; expected at least 1"),
             (json!({"held_out": {"rows": 1}}), "held_out.rows is 1"),
-            (json!({"training_rows": -4}), "invalid value: integer `-4`"),
+            (json!({"training_rows": -4}), "training_rows: invalid value: integer `-4`"),
             (json!({"env": ""}), "env is not set"),
             (json!({"palr": {"alpha": -1.0}}), "palr.alpha is -1; expected at least 0"),
             (json!({"algorithm": "plar"}), "did you mean \"palr\"? (there are bc, "),

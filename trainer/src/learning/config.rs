@@ -3,6 +3,7 @@
 mod defaults;
 mod methods;
 
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 pub use self::defaults::defaults;
@@ -200,7 +201,7 @@ impl TrainConfig {
         let invalid = |error: serde_json::Error| TrainError::Setting { message: error.to_string() };
         let known = serde_json::to_value(Self::default()).map_err(invalid)?;
         refuse_unknown(&value, &known, "")?;
-        let config: Self = serde_json::from_value(value).map_err(invalid)?;
+        let config: Self = from_json(value)?;
         config.validate()?;
         Ok(config)
     }
@@ -267,6 +268,17 @@ fn check(
     Err(TrainError::Setting { message: format!("{name} is {got}; expected {want}") })
 }
 
+/// Settings from JSON.
+///
+/// # Errors
+/// [`TrainError::Setting`] with the name of the setting whose value is of a wrong kind.
+pub fn from_json<T: DeserializeOwned>(value: serde_json::Value) -> Result<T, TrainError> {
+    serde_path_to_error::deserialize(value).map_err(|error| {
+        let message = format!("{}: {}", error.path(), error.inner());
+        TrainError::Setting { message }
+    })
+}
+
 /// Compares keys with those of `known`, the settings with every key.
 pub(crate) fn refuse_unknown(
     value: &serde_json::Value,
@@ -313,12 +325,13 @@ mod tests {
     fn wrong_settings_are_refused_with_what_was_wanted() {
         let cases = [
             (json!({"palr": {"alpha": -1.0}}), "palr.alpha is -1; expected at least 0"),
+            (json!({"palr": {"alpha": "x"}}), "palr.alpha: invalid type: string \"x\""),
             (json!({"batch": 1}), "batch is 1; expected at least 2"),
             (json!({"learning_rate": 0.0}), "learning_rate is 0; expected a positive number"),
             (json!({"btach": 8}), "there is no setting `btach`; did you mean `batch`?"),
             (json!({"palr": {"alhpa": 1}}), "did you mean `palr.alpha`?"),
             (json!({"xyzzyxyzzy": 1}), "there is no setting `xyzzyxyzzy`"),
-            (json!({"algorithm": "dagger"}), "unknown variant `dagger`"),
+            (json!({"algorithm": "dagger"}), "algorithm: unknown variant `dagger`"),
             (json!({"kf": {"step_share": 1.0}}), "kf.step_share is 1; expected a share"),
             (json!({"kf": {"temprature": 1.0}}), "did you mean `kf.temperature`?"),
             (json!({"mine": {"ema_decay": 1.0}}), "mine.ema_decay is 1; expected 0 to below 1"),

@@ -12,6 +12,7 @@ use palr_gym_trainer::expert::card::{CARD_FILE, Card, measure};
 use palr_gym_trainer::expert::fitness::{FitnessOptions, fitness};
 use palr_gym_trainer::expert::{Event, ExpertRun, ExpertSettings, Outcome};
 use palr_gym_trainer::learning::TrainError;
+use palr_gym_trainer::learning::config::from_json;
 use palr_gym_trainer::{Client, ClientError};
 use serde_json::Value;
 use tokio::sync::mpsc::{UnboundedReceiver, unbounded_channel};
@@ -204,7 +205,7 @@ fn changed(
         let new = serde_json::from_str(text).unwrap_or_else(|_| Value::String(text.to_owned()));
         put(name, new)?;
     }
-    serde_json::from_value(value).map_err(|error| refused(error.to_string()))
+    Ok(from_json(value)?)
 }
 
 fn toml(settings: &ExpertSettings) -> anyhow::Result<String> {
