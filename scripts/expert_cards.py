@@ -40,11 +40,22 @@ def _row(task: str, card: dict[str, Any]) -> str:
         _measured(card["deterministic"]),
         _measured(card["sampled"]),
         _fitness(card["fitness"]),
-        f"`{card['command']}`",
+        made_by(card),
         f"{_spaced(card['steps'])}, {_spaced(card['updates'])}, {hours:.1f}",
         f"`{card['onnx']['sha256']}`",
     ]
     return f"| {' | '.join(cells)} |"
+
+
+def made_by(card: dict[str, Any]) -> str:
+    """What began the run, and what was changed on the way."""
+    stages: dict[int, list[str]] = {}
+    for change in card.get("changes", []):
+        value = change["after"]
+        text = value if isinstance(value, str) else json.dumps(value)
+        stages.setdefault(change["step"], []).append(f"`{change['name']}={text}`")
+    later = (f"from {_spaced(step)} on {', '.join(said)}" for step, said in stages.items())
+    return "; ".join([f"`{card['command']}`", *later])
 
 
 def _fitness(fitness: dict[str, Any] | None) -> str:

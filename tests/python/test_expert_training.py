@@ -12,6 +12,7 @@ import onnx as _onnx
 import pytest
 import safetensors.numpy as _safetensors
 
+import expert_cards
 from support import sac_reference as reference
 from support.methods_parts import flat
 from support.server_process import binary
@@ -208,6 +209,16 @@ def test_a_resumed_run_learns_by_its_new_settings(tmp_path: Path) -> None:
         moment = f"{name}.adam.first_moment"
         assert moved < 1e-6, name
         assert np.abs(after[moment] - before[moment]).max() > 0, name
+
+    # The card says when it changed, and what began the run.
+    measuring = [str(binary()), "expert", "card", str(folder), "--episodes", "1", "--json"]
+    measured = subprocess.run(measuring, check=True, capture_output=True, text=True, timeout=30)
+    card = json.loads(measured.stdout)
+    assert card["changes"] == [
+        {"step": 400, "name": "learning_rate", "before": 3e-4, "after": 1e-9}
+    ]
+    assert "learning_rate" not in card["command"]
+    assert expert_cards.made_by(card).endswith("`; from 400 on `learning_rate=1e-09`")
 
 
 def wait_for(path: Path, process: "subprocess.Popen[bytes]") -> None:

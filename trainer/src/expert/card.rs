@@ -14,7 +14,7 @@ use crate::expert::fitness::Fitness;
 use crate::expert::run::{
     CHECKPOINT_FILE, ExpertManifest, MANIFEST_FILE, ONNX_FILE, SAFETENSORS_FILE,
 };
-use crate::expert::settings::ExpertSettings;
+use crate::expert::settings::{Change, ExpertSettings};
 use crate::imitate::manifest::Versions;
 use crate::imitate::records::{EVALUATIONS_FILE, EvaluationRecord, read_lines};
 use crate::policy::PolicySource;
@@ -29,9 +29,12 @@ pub const CARD_SEED: u64 = 20_000;
 pub struct Card {
     /// Environment id.
     pub env: String,
-    /// What trains such an expert.
+    /// What began the run.
     pub command: String,
-    /// Every setting, the seed among them.
+    /// Settings that were changed on the way, each by going on with the run and `--set NAME=VALUE`.
+    #[serde(default)]
+    pub changes: Vec<Change>,
+    /// Every setting at last, the seed among them.
     pub settings: ExpertSettings,
     /// Programs that had a part in it.
     pub versions: Versions,
@@ -153,7 +156,8 @@ pub async fn measure(client: &Client, folder: &Path, episodes: u32) -> Result<Ca
         .map_err(|_| ClientError::Protocol("an evaluation is missing".into()))?;
     Ok(Card {
         env: settings.env.clone(),
-        command: command(&settings),
+        command: command(&settings.before(&restored.counters.changes)?),
+        changes: restored.counters.changes,
         settings,
         versions,
         step: best.step,

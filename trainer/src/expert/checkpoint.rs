@@ -12,7 +12,7 @@ use safetensors::tensor::Dtype;
 use serde::{Deserialize, Serialize};
 
 use crate::expert::agent::Agent;
-use crate::expert::settings::ExpertSettings;
+use crate::expert::settings::{Change, ExpertSettings};
 use crate::learning::checkpoint::{read_if_there, write_arrays};
 use crate::learning::error::TrainError;
 
@@ -37,6 +37,9 @@ pub struct Counters {
     pub wall_time_s: f64,
     /// The best evaluation so far.
     pub best: Option<Best>,
+    /// How the run learns otherwise than at its beginning, in order.
+    #[serde(default)]
+    pub changes: Vec<Change>,
 }
 
 /// An evaluation.
@@ -82,6 +85,7 @@ impl Restored {
             self.counters.best = None;
             self.best.clear();
         }
+        self.counters.changes.extend(self.settings.changes_to(settings, self.counters.step));
         self.agent.follow(settings);
         self
     }

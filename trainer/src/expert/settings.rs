@@ -1,8 +1,10 @@
 //! What decides a run.
 
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 
 use crate::expert::critic::CriticKind;
+use crate::learning::config::from_json;
 use crate::learning::error::TrainError;
 
 /// Everything that can be chosen about the training of an expert.
@@ -69,6 +71,23 @@ pub struct ExpertSettings {
     /// Transitions between two checkpoints.
     pub checkpoint_every: u64,
 }
+
+/// A setting that a resumed run changed.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Change {
+    /// Transitions that had been collected.
+    pub step: u64,
+    /// Which setting.
+    pub name: String,
+    /// Its value until then.
+    pub before: Value,
+    /// Its value from then on.
+    pub after: Value,
+}
+
+/// Settings that say how long a run is, how it reports and how it begins anew, not how it learns.
+const OF_THE_PROCESS: [&str; 6] =
+    ["steps", "refill", "log_every", "evaluate_every", "episodes", "checkpoint_every"];
 
 fn whole() -> f64 {
     1.0
@@ -200,6 +219,35 @@ impl ExpertSettings {
             ));
         }
         Ok(())
+    }
+
+    /// What changes about learning when a run with these settings goes on with `next` after `step`
+    /// transitions.
+    #[must_use]
+    pub fn changes_to(&self, next: &Self, step: u64) -> Vec<Change> {
+        let (Ok(Value::Object(old)), Ok(Value::Object(new))) =
+            (serde_json::to_value(self), serde_json::to_value(next))
+        else {
+            return Vec::new();
+        };
+        let pairs = old.into_iter().zip(new.into_iter().map(|(_, value)| value));
+        let differing = pairs.filter(|((name, before), after)| {
+            before != after && !OF_THE_PROCESS.contains(&name.as_str())
+        });
+        differing.map(|((name, before), after)| Change { step, name, before, after }).collect()
+    }
+
+    /// The settings that a run began with which has these after `changes`.
+    ///
+    /// # Errors
+    /// [`TrainError::Setting`] if a change is of no setting's kind.
+    pub fn before(&self, changes: &[Change]) -> Result<Self, TrainError> {
+        let failed = |error: serde_json::Error| TrainError::Setting { message: error.to_string() };
+        let mut value = serde_json::to_value(self).map_err(failed)?;
+        for Change { name, before, .. } in changes.iter().rev() {
+            value[name] = before.clone();
+        }
+        from_json(value)
     }
 
     /// True if a run with `other` can go on with these: how long it runs, how it reports, how much it
