@@ -6,6 +6,7 @@ import socket
 import threading
 import time
 from collections.abc import Callable, Generator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -204,6 +205,27 @@ def test_a_rollout_whose_results_nobody_reads_holds_no_place_for_ever(
     once_there_is_room(
         lambda: palr_gym.evaluate("hopper", "random", episodes=1, server=own_server.address)
     )
+
+
+@pytest.mark.parametrize("num_envs", [1, 32])
+def test_sessions_have_their_turn_beside_as_many_rollouts_as_there_may_be(
+    own_server: ServerProcess, num_envs: int
+) -> None:
+    address, is_over = own_server.address, threading.Event()
+
+    def evaluate_again_and_again() -> None:
+        while not is_over.is_set():
+            palr_gym.evaluate("ant", "random", episodes=50, num_envs=num_envs, server=address)
+
+    with ThreadPoolExecutor(max_workers=8) as rollouts:
+        running = [rollouts.submit(evaluate_again_and_again) for _ in range(8)]
+        try:
+            for _ in range(4):
+                others_are_served(own_server)
+        finally:
+            is_over.set()
+        for rollout in running:
+            rollout.result()
 
 
 def test_connections_beyond_the_limit_are_told_so() -> None:

@@ -150,15 +150,21 @@ impl<P: Part> Job for Crew<P> {
 impl<P: Part> Crew<P> {
     /// Does what nobody else has begun, the share `index` first. A thread that comes late, even
     /// after the end, finds nothing to do or helps with the next round.
+    ///
+    /// No more than a round has parts: a caller that is quick to begin the next one would keep the
+    /// thread for ever, and others would wait as long. Nothing is left undone, because each round
+    /// has requests of its own.
     fn work_from(&self, index: usize) {
         let count = self.shares.len();
+        let mut left = self.parts.len();
         for share in (0..count).map(|i| &self.shares[(index + i) % count]) {
-            while share.next.load(Ordering::Relaxed) < share.end {
+            while left > 0 && share.next.load(Ordering::Relaxed) < share.end {
                 let part = share.next.fetch_add(1, Ordering::AcqRel);
                 if part >= share.end {
                     break;
                 }
                 self.do_part(part);
+                left -= 1;
             }
         }
     }
@@ -170,11 +176,14 @@ impl<P: Part> Crew<P> {
         }
         // A caller that sleeps is still there to be woken; if it has seen the end by itself, waking
         // whoever calls now does no harm.
-        if self.unfinished.fetch_sub(1, Ordering::AcqRel) == 1
-            && let Some(caller) = &*lock(&self.caller)
-            && caller.id() != std::thread::current().id()
-        {
-            caller.unpark();
+        if self.unfinished.fetch_sub(1, Ordering::AcqRel) == 1 {
+            // Not under the lock, which the caller takes when it begins the next round.
+            let caller = lock(&self.caller).clone();
+            if let Some(caller) = caller
+                && caller.id() != std::thread::current().id()
+            {
+                caller.unpark();
+            }
         }
     }
 }

@@ -140,7 +140,8 @@ impl SimulationThreads {
         self.shared.count
     }
 
-    /// Queues `job` and returns at once. Jobs begin in the order in which they were queued.
+    /// Queues `job` and returns at once. Jobs begin in the order in which they were queued, parts of
+    /// one that has begun before them.
     pub fn submit(&self, job: Arc<dyn Job>) {
         self.shared.push(|jobs| {
             jobs.push_back(job);
@@ -153,17 +154,28 @@ impl SimulationThreads {
         self.submit(Arc::new(Once(Mutex::new(Some(job)))));
     }
 
-    /// Puts `help` before everything else in the queue, `count` times: what has begun is finished
-    /// first.
+    /// Queues `help`, `count` times. Asked by one of these threads, before everything else: what has
+    /// begun is finished first. Asked by another, behind it: those could ask without end, and nobody
+    /// else would have a turn.
     pub(crate) fn ask_for_help(&self, help: &Arc<dyn Job>, count: usize) {
         if count > 0 {
+            let has_begun = self.own_index().is_some();
             self.shared.push(|jobs| {
                 for _ in 0..count {
-                    jobs.push_front(Arc::clone(help));
+                    match has_begun {
+                        true => jobs.push_front(Arc::clone(help)),
+                        false => jobs.push_back(Arc::clone(help)),
+                    }
                 }
                 count
             });
         }
+    }
+
+    /// Jobs that no thread has taken yet.
+    #[cfg(test)]
+    pub(crate) fn queued(&self) -> usize {
+        self.shared.lock().jobs.len()
     }
 
     /// The index of the calling thread, if it is one of these.

@@ -1,6 +1,6 @@
 //! Every part once, whoever calls, however often, whatever panics.
 
-use std::sync::mpsc;
+use std::sync::{OnceLock, mpsc};
 use std::time::Duration;
 
 use super::*;
@@ -77,4 +77,79 @@ fn a_panic_reaches_the_caller_after_the_other_parts_are_done() {
     // And the threads, as the parts, are good for more.
     parts.work();
     assert!(parts.iter().all(|part| part.rounds == 3));
+}
+
+/// A part whose caller begins the next round before the part's thread has looked for more work.
+struct Renewed {
+    rounds: usize,
+    crew: Arc<OnceLock<Arc<Crew<Renewed>>>>,
+}
+
+impl Part for Renewed {
+    fn work(&mut self) {
+        self.rounds += 1;
+        let crew = self.crew.get().expect("set before the work begins");
+        if self.rounds < 10 {
+            crew.unfinished.fetch_add(1, Ordering::AcqRel);
+            for share in &crew.shares {
+                share.next.store(share.start, Ordering::Release);
+            }
+        }
+    }
+}
+
+#[test]
+fn a_quick_caller_does_not_keep_a_thread() {
+    let threads = SimulationThreads::start(2).unwrap();
+    let crew = Arc::new(OnceLock::new());
+    let parts = Parts::new(vec![Renewed { rounds: 0, crew: Arc::clone(&crew) }], threads);
+    assert!(crew.set(Arc::clone(&parts.crew)).is_ok());
+    for visits in 1..4 {
+        // As for a request that a thread has taken.
+        parts.crew.unfinished.store(1, Ordering::Release);
+        for share in &parts.crew.shares {
+            share.next.store(share.start, Ordering::Release);
+        }
+        parts.crew.work_from(0);
+        assert_eq!(parts.get(0).rounds, visits);
+    }
+}
+
+#[test]
+fn who_is_no_simulation_thread_queues_behind_the_others() {
+    struct Said(mpsc::Sender<&'static str>, &'static str);
+    impl Part for Said {
+        fn work(&mut self) {
+            self.0.send(self.1).unwrap();
+        }
+    }
+    let threads = SimulationThreads::start(1).unwrap();
+    let (release, held) = mpsc::channel::<()>();
+    threads.spawn(move || held.recv().unwrap());
+    let (sender, order) = mpsc::channel();
+    let queued = |count| {
+        while threads.queued() < count {
+            std::thread::yield_now();
+        }
+    };
+    // The thread holds the first job, or is about to take it.
+    while threads.queued() > 0 {
+        std::thread::yield_now();
+    }
+    let mut callers = Vec::new();
+    for (count, name) in [(1, "first"), (3, "last")] {
+        let mut parts = Parts::new(vec![Said(sender.clone(), name)], threads.clone());
+        callers.push(std::thread::spawn(move || parts.work()));
+        queued(count);
+        if count == 1 {
+            let sender = sender.clone();
+            threads.spawn(move || sender.send("between").unwrap());
+        }
+    }
+    release.send(()).unwrap();
+    for caller in callers {
+        caller.join().unwrap();
+    }
+    drop(sender);
+    assert_eq!(order.iter().collect::<Vec<_>>(), ["first", "between", "last"]);
 }
