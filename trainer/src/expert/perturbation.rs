@@ -1,4 +1,4 @@
-//! Pushes on the actuators while an expert trains, so that its gait bears the errors of an imitator.
+//! Pushes on the actuators while an expert trains, to teach a gait that bears an imitator's errors.
 //!
 //! The environments get the action and a push; the replay keeps the action, so to the agent the pushes
 //! are part of the environment, as in domain randomisation. An imitator errs in one direction for a

@@ -56,7 +56,7 @@ pub struct ExpertSettings {
     /// Entropy that the temperature aims at, in nats; none: -(action size).
     pub target_entropy: Option<f64>,
     /// Standard deviation of the pushes that are added to the actions on their way to the environments,
-    /// not to those that are learnt from; 0: none. A gait that bears them can be imitated.
+    /// not to those that are learnt from; 0: none. They are to teach a gait that bears errors.
     #[serde(default)]
     pub perturbation: f64,
     /// Steps that a push lasts: two pushes in a row have the correlation 1 - 1/this.
