@@ -30,6 +30,9 @@ RECIPES = [
     reference.Recipe("ant", "tqc", 1, 3, 2, 60, 32, 24, 5, 1),
     reference.Recipe("walker2d", "tqc", 2, 1, 4, 60, 32, 24, 5, 1, actor_every=2),
     reference.Recipe("hopper", "sac", 3, 2, 6, 80, 32, 24, 25, 5, actor_average=0.25),
+    reference.Recipe("halfcheetah", "sac", 4, 2, 4, 80, 32, 24, 25, 5, reward_cap=-0.2),
+    reference.Recipe("hopper", "tqc", 7, 2, 3, 80, 32, 24, 7, 2, reward_cap=1.0),
+    reference.Recipe("ant", "sac", 8, 2, 4, 80, 32, 24, 25, 5, healthy_z_range=(0.5, 0.7)),
     reference.Recipe(
         "ant", "sac", 6, 2, 4, 80, 32, 24, 25, 5, perturbation=0.4, perturbation_duration=8
     ),
@@ -59,6 +62,10 @@ def command(recipe: reference.Recipe, out: Path, steps: int) -> list[str]:
     }
     line = [str(binary()), "expert", "train", "--env", recipe.task, "--critic", recipe.critic]
     line += ["--out", str(out), "--card-episodes", "0", "--json"]
+    if recipe.reward_cap is not None:
+        settings["reward_cap"] = recipe.reward_cap
+    if recipe.healthy_z_range is not None:
+        settings["healthy_z_range"] = list(recipe.healthy_z_range)
     for name, value in settings.items():
         line += ["--set", f"{name}={value}"]
     return line
@@ -171,9 +178,10 @@ def test_a_stopped_or_killed_run_goes_on_and_what_it_exports_is_whole(tmp_path: 
     assert "expert.json is no model card" in refused.stderr
     assert card["onnx"]["bytes"] == (folder / "policy.onnx").stat().st_size
 
-    # A folder that begins from the checkpoint has the best policy too; not if episodes change.
-    for more, is_kept in ([], True), (["--set", "episodes=2"], False):
-        begun = tmp_path / f"begun-{is_kept}"
+    # A folder that begins from the checkpoint has the best policy too; not if it is chosen otherwise.
+    changes = [([], True), (["--set", "episodes=2"], False), (["--set", "reward_cap=2"], False)]
+    for number, (more, is_kept) in enumerate(changes):
+        begun = tmp_path / f"begun-{number}"
         beginning = [*line, *more, "--from", str(folder / "checkpoint.safetensors")]
         beginning[beginning.index("--out") + 1] = str(begun)
         process = subprocess.Popen(beginning, stdout=subprocess.DEVNULL)
@@ -239,6 +247,10 @@ def wait_for(path: Path, process: "subprocess.Popen[bytes]") -> None:
         (["--env", "hopper", "--critic", "ddpg"], "ddpg"),
         (["--env", "hopper", "--set", "batch=many"], "batch: invalid type: string"),
         (["--env", "ant", "--set", "perturbation=-1"], "perturbation is -1; expected"),
+        (["--env", "ant", "--set", "perturbation=1e300"], "expected a number from 0 to 10"),
+        (["--env", "ant", "--set", "reward_cap=1e300"], "reward_cap is 1000"),
+        (["--env", "ant", "--set", "healthy_z_range=[1,0.5]"], "expected the lower height first"),
+        (["--env", "ant", "--set", "healthy_z_range=0.5"], "healthy_z_range: invalid type"),
         (
             ["--env", "ant", "--set", "perturbation_duration=0.5"],
             "is 0.5; expected at least 1 step",

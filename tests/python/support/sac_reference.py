@@ -47,6 +47,8 @@ class Recipe:
     polyak: float = 0.005
     actor_every: int = 1
     actor_average: float = 1.0
+    reward_cap: float | None = None
+    healthy_z_range: tuple[float, float] | None = None
     perturbation: float = 0.0
     perturbation_duration: float = 1.0
 
@@ -226,6 +228,12 @@ class Run:
         number = len(self.losses)
         rows = self._replay.draw(stream(recipe.seed, BATCH, number), recipe.batch)
         observations, actions, rewards, after, continues = rows
+        if recipe.reward_cap is not None:
+            rewards = jnp.minimum(rewards, recipe.reward_cap)
+        if recipe.healthy_z_range is not None:
+            least, greatest = recipe.healthy_z_range
+            height = after[:, 0]
+            continues = jnp.where((height < least) | (height > greatest), 0, continues)
         normals = Normals(stream(recipe.seed, NOISE, number))
         noise = jnp.asarray(normals.draw(recipe.batch, self._action_size))
         next_noise = jnp.asarray(normals.draw(recipe.batch, self._action_size))

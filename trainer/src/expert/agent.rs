@@ -38,6 +38,8 @@ struct Rule {
     dropped: usize,
     learning_rate: f64,
     discount: f32,
+    reward_cap: f32,
+    healthy_z_range: [f32; 2],
     polyak: f32,
     target_entropy: f64,
     actor_every: u64,
@@ -53,6 +55,10 @@ impl Rule {
             dropped,
             learning_rate: settings.learning_rate,
             discount: settings.discount as f32,
+            reward_cap: settings.reward_cap.map_or(f32::INFINITY, |cap| cap as f32),
+            healthy_z_range: settings
+                .healthy_z_range
+                .map_or([f32::NEG_INFINITY, f32::INFINITY], |range| range.map(|z| z as f32)),
             polyak: settings.polyak as f32,
             target_entropy: settings.target_entropy.unwrap_or(-(action_size as f64)),
             actor_every: settings.actor_every,
@@ -139,6 +145,7 @@ struct Scratch {
     next: Drawn,
     tapes: [Tape; 2],
     inputs: Vec<f32>,
+    continues: Vec<f32>,
     next_cost: Vec<f32>,
     targets: Vec<f32>,
     output_gradients: [Vec<f32>; 2],
@@ -233,6 +240,7 @@ impl Agent {
             next,
             tapes,
             inputs,
+            continues,
             next_cost,
             targets,
             output_gradients,
@@ -256,11 +264,19 @@ impl Agent {
         for (tape, parameters) in tapes.iter_mut().zip(&self.targets) {
             mlp::forward(layers, parameters, inputs, n, tape);
         }
+        let [least, greatest] = self.rule.healthy_z_range;
+        let heights = batch.next_observations.iter().step_by(self.observation_size);
+        let is_healthy = heights.map(|height| (least..=greatest).contains(height));
+        continues.clear();
+        let pairs = batch.continues.iter().zip(is_healthy);
+        continues
+            .extend(pairs.map(|(&goes_on, is_healthy)| if is_healthy { goes_on } else { 0.0 }));
         next_cost.clear();
         next_cost.extend(next.log_density.iter().map(|value| temperature * value));
         let returns = Returns {
             rewards: &batch.rewards,
-            continues: &batch.continues,
+            reward_cap: self.rule.reward_cap,
+            continues,
             discount: self.rule.discount,
             next_cost,
         };

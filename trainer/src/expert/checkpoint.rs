@@ -77,11 +77,15 @@ pub struct Restored {
 }
 
 impl Restored {
-    /// Goes on by `settings`. If evaluations have another number of episodes there, the best policy so
-    /// far is forgotten: the best of few is mostly lucky.
+    /// Goes on by `settings`. The best policy so far is forgotten if evaluations have another number of
+    /// episodes there, since the best of few is mostly lucky, and if rewards or heights count otherwise:
+    /// no slower, steadier policy would take the place of a fast one.
     #[must_use]
     pub fn continued_by(mut self, settings: &ExpertSettings) -> Self {
-        if self.settings.episodes != settings.episodes {
+        let sought = |settings: &ExpertSettings| {
+            (settings.episodes, settings.reward_cap, settings.healthy_z_range)
+        };
+        if sought(&self.settings) != sought(settings) {
             self.counters.best = None;
             self.best.clear();
         }

@@ -42,6 +42,8 @@ pub fn layers(input_size: usize, hidden: usize, outputs: usize) -> Vec<LayerShap
 pub struct Returns<'a> {
     /// `[n]`.
     pub rewards: &'a [f32],
+    /// The most that a reward counts for.
+    pub reward_cap: f32,
     /// `[n]`: 0 where the task ended the episode, else 1.
     pub continues: &'a [f32],
     /// γ.
@@ -72,7 +74,8 @@ pub fn targets(
         all.extend_from_slice(second);
         all.sort_unstable_by(f32::total_cmp);
         let factor = returns.discount * returns.continues[row];
-        let constant = returns.rewards[row] - factor * returns.next_cost[row];
+        let reward = returns.rewards[row].min(returns.reward_cap);
+        let constant = reward - factor * returns.next_cost[row];
         targets.extend(all[..2 * outputs - dropped].iter().map(|value| constant + factor * value));
     }
 }
@@ -186,7 +189,8 @@ mod tests {
     #[test]
     fn the_lower_of_two_values_is_one_output_with_one_dropped() {
         let returns = Returns {
-            rewards: &[1.0, 2.0, 3.0],
+            rewards: &[1.0, 2.0, 7.0],
+            reward_cap: 3.0,
             continues: &[1.0, 1.0, 0.0],
             discount: 0.5,
             next_cost: &[0.0, 4.0, 9.0],
@@ -198,8 +202,13 @@ mod tests {
 
     #[test]
     fn the_highest_quantiles_of_both_critics_are_dropped() {
-        let returns =
-            Returns { rewards: &[0.0], continues: &[1.0], discount: 1.0, next_cost: &[0.0] };
+        let returns = Returns {
+            rewards: &[0.0],
+            reward_cap: f32::INFINITY,
+            continues: &[1.0],
+            discount: 1.0,
+            next_cost: &[0.0],
+        };
         let mut got = Vec::new();
         targets([&[3.0, 1.0, 9.0], &[8.0, 2.0, 4.0]], 3, 2, returns, &mut got);
         assert_eq!(got, [1.0, 2.0, 3.0, 4.0]);

@@ -1,5 +1,7 @@
 //! What decides a run.
 
+use std::cmp::Ordering;
+
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
@@ -37,6 +39,15 @@ pub struct ExpertSettings {
     pub learning_rate: f64,
     /// γ.
     pub discount: f64,
+    /// The most that a step's reward counts for in what is learnt; none: no limit. An expert that gains
+    /// nothing by going faster learns to fall less.
+    #[serde(default)]
+    pub reward_cap: Option<f64>,
+    /// Least and greatest height of the torso, the first number of an observation, beyond which what is
+    /// learnt takes the episode for ended; none: only where the task ends it. Narrower than the task's
+    /// own, it teaches to keep a distance from its ends.
+    #[serde(default)]
+    pub healthy_z_range: Option<[f64; 2]>,
     /// Share of the critics that enters their slow copies with each update.
     pub polyak: f64,
     /// Updates of the critics for each one of the actor.
@@ -119,6 +130,8 @@ impl Default for ExpertSettings {
             refill: 1_000_000,
             learning_rate: 3e-4,
             discount: 0.99,
+            reward_cap: None,
+            healthy_z_range: None,
             polyak: 0.005,
             actor_every: 2,
             actor_average: whole(),
@@ -195,12 +208,26 @@ impl ExpertSettings {
                 return refuse(format!("{name} is {value}; expected a number in (0, 1]"));
             }
         }
-        if let Some(entropy) = self.target_entropy.filter(|entropy| !entropy.is_finite()) {
-            return refuse(format!("target_entropy is {entropy}; expected a finite number"));
+        for (name, value) in
+            [("target_entropy", self.target_entropy), ("reward_cap", self.reward_cap)]
+        {
+            if let Some(value) = value.filter(|&value| !(value as f32).is_finite()) {
+                return refuse(format!(
+                    "{name} is {value}; expected a finite single-precision number"
+                ));
+            }
         }
-        if !(self.perturbation.is_finite() && self.perturbation >= 0.0) {
+        if let Some([least, greatest]) = self.healthy_z_range
+            && least.partial_cmp(&greatest) != Some(Ordering::Less)
+        {
+            return refuse(format!(
+                "healthy_z_range is [{least}, {greatest}]; expected the lower height first"
+            ));
+        }
+        // Actions are in [-1, 1]: a wider push is as good as one that always reaches an end.
+        if !(0.0..=10.0).contains(&self.perturbation) {
             let value = self.perturbation;
-            return refuse(format!("perturbation is {value}; expected a finite number from 0"));
+            return refuse(format!("perturbation is {value}; expected a number from 0 to 10"));
         }
         if !(self.perturbation_duration.is_finite() && self.perturbation_duration >= 1.0) {
             let value = self.perturbation_duration;
@@ -265,6 +292,8 @@ impl ExpertSettings {
             updates_per_step: self.updates_per_step,
             replay: self.replay,
             learning_rate: self.learning_rate,
+            reward_cap: self.reward_cap,
+            healthy_z_range: self.healthy_z_range,
             actor_every: self.actor_every,
             actor_average: self.actor_average,
             target_entropy: self.target_entropy,
