@@ -33,6 +33,7 @@ RECIPES = [
     reference.Recipe("halfcheetah", "sac", 4, 2, 4, 80, 32, 24, 25, 5, reward_cap=-0.2),
     reference.Recipe("hopper", "tqc", 7, 2, 3, 80, 32, 24, 7, 2, reward_cap=1.0),
     reference.Recipe("ant", "sac", 8, 2, 4, 80, 32, 24, 25, 5, healthy_z_range=(0.5, 0.7)),
+    reference.Recipe("hopper", "sac", 9, 3, 4, 90, 32, 24, 25, 5, episode_steps=7),
     reference.Recipe(
         "ant", "sac", 6, 2, 4, 80, 32, 24, 25, 5, perturbation=0.4, perturbation_duration=8
     ),
@@ -64,6 +65,8 @@ def command(recipe: reference.Recipe, out: Path, steps: int) -> list[str]:
     line += ["--out", str(out), "--card-episodes", "0", "--json"]
     if recipe.reward_cap is not None:
         settings["reward_cap"] = recipe.reward_cap
+    if recipe.episode_steps is not None:
+        settings["episode_steps"] = recipe.episode_steps
     if recipe.healthy_z_range is not None:
         settings["healthy_z_range"] = list(recipe.healthy_z_range)
     for name, value in settings.items():

@@ -93,8 +93,20 @@ impl Session {
     /// # Errors
     /// [`ClientError::Status`].
     pub async fn reset(&mut self, seeds: Vec<u64>) -> Result<v1::ResetResponse, ClientError> {
+        self.reset_envs(vec![], seeds).await
+    }
+
+    /// Starts new episodes in the environments of `env_indices`, ascending; none: in all of them.
+    ///
+    /// # Errors
+    /// [`ClientError::Status`].
+    pub async fn reset_envs(
+        &mut self,
+        env_indices: Vec<u32>,
+        seeds: Vec<u64>,
+    ) -> Result<v1::ResetResponse, ClientError> {
         let session_id = self.session_id.clone();
-        self.send(Request::Reset(v1::ResetRequest { session_id, seeds, env_indices: vec![] }))?;
+        self.send(Request::Reset(v1::ResetRequest { session_id, seeds, env_indices }))?;
         match self.receive().await? {
             Response::Reset(answer) => Ok(answer),
             _ => Err(ClientError::Protocol("no answer to a reset".into())),

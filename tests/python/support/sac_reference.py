@@ -51,6 +51,7 @@ class Recipe:
     healthy_z_range: tuple[float, float] | None = None
     perturbation: float = 0.0
     perturbation_duration: float = 1.0
+    episode_steps: int | None = None
 
 
 @dataclass
@@ -169,6 +170,7 @@ class Run:
         self.log_temperature = Adam(jnp.zeros(1))
         self.losses: list[dict[str, float]] = []
         self._replay = Replay()
+        self._lengths = [0] * recipe.num_envs
         self._pushes = np.zeros((recipe.num_envs, self._action_size), np.float32)
         self._collect()
 
@@ -219,7 +221,9 @@ class Run:
             after = observation.astype(np.float32)
             row = (self._observations[i], action, np.float32(reward), after, 1.0 - terminated)
             self._replay.rows.append(row)
-            if terminated or truncated:
+            self._lengths[i] += 1
+            if terminated or truncated or self._lengths[i] == self.recipe.episode_steps:
+                self._lengths[i] = 0
                 after = env.reset()[0].astype(np.float32)
             self._observations[i] = after
 

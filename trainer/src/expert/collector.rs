@@ -21,6 +21,10 @@ pub struct Collector {
     /// What the environments got.
     sent: Vec<f32>,
     returns: Vec<f64>,
+    /// Steps of the episodes under way.
+    lengths: Vec<u64>,
+    /// Episodes are cut after so many.
+    episode_steps: u64,
 }
 
 /// What a step brought.
@@ -28,7 +32,7 @@ pub struct Collector {
 pub struct Collected {
     /// Transitions that were kept: all but those of a simulation that diverged.
     pub transitions: u64,
-    /// Undiscounted returns of the episodes that ended.
+    /// Undiscounted returns of the episodes that ended or were cut.
     pub returns: Vec<f64>,
 }
 
@@ -68,6 +72,8 @@ impl Collector {
             actions: Vec::new(),
             sent: Vec::new(),
             returns: vec![0.0; num_envs],
+            lengths: vec![0; num_envs],
+            episode_steps: settings.episode_steps.unwrap_or(u64::MAX),
         })
     }
 
@@ -109,7 +115,8 @@ impl Collector {
         self.session.send_step(&self.sent)
     }
 
-    /// Ends the step that [`Self::send`] began, and keeps what it brought in `replay`.
+    /// Ends the step that [`Self::send`] began, and keeps what it brought in `replay`. Episodes that are
+    /// long enough are cut.
     ///
     /// # Errors
     /// [`ClientError::Status`], [`ClientError::Protocol`].
@@ -128,6 +135,7 @@ impl Collector {
         };
         let mut finals = finals.chunks_exact(width);
         let mut collected = Collected::default();
+        let mut cut = Vec::new();
         for (env, reward) in rewards.chunks_exact(size_of::<f64>()).enumerate() {
             let reward = f64::from_le_bytes(reward.try_into().unwrap_or_default());
             let row = env * width..(env + 1) * width;
@@ -148,11 +156,21 @@ impl Collector {
                 collected.transitions += 1;
             }
             self.returns[env] += reward;
-            if ended(env) {
+            self.lengths[env] += 1;
+            let is_cut = !ended(env) && self.lengths[env] >= self.episode_steps;
+            if is_cut {
+                cut.push(env as u32);
+            }
+            if ended(env) || is_cut {
                 collected.returns.push(std::mem::take(&mut self.returns[env]));
+                self.lengths[env] = 0;
             }
         }
         self.observations = observations;
+        if !cut.is_empty() {
+            let answer = self.session.reset_envs(cut, vec![]).await?;
+            self.observations = floats(answer.observations, n * width)?;
+        }
         Ok(collected)
     }
 

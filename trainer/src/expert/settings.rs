@@ -73,6 +73,10 @@ pub struct ExpertSettings {
     /// Steps that a push lasts: two pushes in a row have the correlation 1 - 1/this.
     #[serde(default = "whole")]
     pub perturbation_duration: f64,
+    /// Steps after which an episode is cut while it is learnt from, as by a time limit; none: where the
+    /// task ends it. A start is a rare thing in long episodes, and badly learnt.
+    #[serde(default)]
+    pub episode_steps: Option<u64>,
     /// Transitions between two reports.
     pub log_every: u64,
     /// Transitions between two evaluations.
@@ -142,6 +146,7 @@ impl Default for ExpertSettings {
             target_entropy: None,
             perturbation: 0.0,
             perturbation_duration: whole(),
+            episode_steps: None,
             log_every: 5_000,
             evaluate_every: 50_000,
             episodes: 10,
@@ -182,6 +187,7 @@ impl ExpertSettings {
             ("quantiles", self.quantiles as u64),
             ("log_every", self.log_every),
             ("evaluate_every", self.evaluate_every),
+            ("episode_steps", self.episode_steps.unwrap_or(1)),
             ("episodes", u64::from(self.episodes)),
             ("checkpoint_every", self.checkpoint_every),
         ];
@@ -299,6 +305,7 @@ impl ExpertSettings {
             target_entropy: self.target_entropy,
             perturbation: self.perturbation,
             perturbation_duration: self.perturbation_duration,
+            episode_steps: self.episode_steps,
             ..other.clone()
         };
         *self == reporting
