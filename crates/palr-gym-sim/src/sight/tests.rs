@@ -9,7 +9,7 @@ use super::*;
 use crate::divergence::Divergence;
 use crate::render::RenderError;
 use crate::tasks::resolve;
-use crate::threads::SimulationThreads;
+use crate::threads::{SimulationThreads, before_exit};
 use crate::vector::{StepFrame, VectorEnv, VectorOptions};
 
 /// Means of red, green and blue, unless it is blind.
@@ -52,20 +52,51 @@ impl FeatureExtractor for Means {
     }
 }
 
+/// Environments that draw. The threads that drew have ended when it is gone: one that frees its OpenGL
+/// context while the test's process exits crashes.
+struct Drawing {
+    vector: VectorEnv,
+    /// Dropped last.
+    _ending: Ending,
+}
+
+struct Ending;
+
+impl Drop for Ending {
+    fn drop(&mut self) {
+        before_exit();
+    }
+}
+
+impl std::ops::Deref for Drawing {
+    type Target = VectorEnv;
+
+    fn deref(&self) -> &VectorEnv {
+        &self.vector
+    }
+}
+
+impl std::ops::DerefMut for Drawing {
+    fn deref_mut(&mut self) -> &mut VectorEnv {
+        &mut self.vector
+    }
+}
+
 fn vector(
     env_id: &str,
     num_envs: usize,
     threads: usize,
     autoreset_mode: AutoresetMode,
     extractor: &Arc<Means>,
-) -> VectorEnv {
+) -> Drawing {
     let (task, spec) = resolve(env_id).unwrap();
     let extractor = Arc::clone(extractor);
     let sight = Sight { extractor: Some(extractor), ..Sight::default() };
     let spec = sight.fit(spec).unwrap();
     let options = VectorOptions { autoreset_mode, out_of_bounds: OutOfBounds::Reject };
     let threads = SimulationThreads::start(threads).unwrap();
-    VectorEnv::seeing(task, spec, num_envs, options, threads, sight).unwrap()
+    let vector = VectorEnv::seeing(task, spec, num_envs, options, threads, sight).unwrap();
+    Drawing { vector, _ending: Ending }
 }
 
 /// True on a machine without OpenGL, where these tests have nothing to test. They say so.
