@@ -42,7 +42,7 @@ RECIPES = [
 
 def command(recipe: reference.Recipe, out: Path, steps: int) -> list[str]:
     """Small networks; nothing is reported before the end."""
-    settings = {
+    settings: dict[str, object] = {
         "steps": steps,
         "seed": recipe.seed,
         "num_envs": recipe.num_envs,
@@ -181,8 +181,12 @@ def test_a_stopped_or_killed_run_goes_on_and_what_it_exports_is_whole(tmp_path: 
     assert "expert.json is no model card" in refused.stderr
     assert card["onnx"]["bytes"] == (folder / "policy.onnx").stat().st_size
 
-    # A folder that begins from the checkpoint has the best policy too; not if it is chosen otherwise.
-    changes = [([], True), (["--set", "episodes=2"], False), (["--set", "reward_cap=2"], False)]
+    # A folder that begins from the checkpoint has the best policy too, unless otherwise chosen.
+    changes: list[tuple[list[str], bool]] = [
+        ([], True),
+        (["--set", "episodes=2"], False),
+        (["--set", "reward_cap=2"], False),
+    ]
     for number, (more, is_kept) in enumerate(changes):
         begun = tmp_path / f"begun-{number}"
         beginning = [*line, *more, "--from", str(folder / "checkpoint.safetensors")]
