@@ -181,9 +181,29 @@ fn command(settings: &ExpertSettings) -> String {
     let mut command = format!("palr-gym expert train --env {}", settings.env);
     for (name, value) in own.as_object().into_iter().flatten() {
         if defaults.get(name) != Some(value) {
+            // A shell would take an array for a pattern.
+            let quote = if value.is_array() { "'" } else { "" };
             let value = value.as_str().map_or_else(|| value.to_string(), str::to_owned);
-            command.push_str(&format!(" --set {name}={value}"));
+            command.push_str(&format!(" --set {quote}{name}={value}{quote}"));
         }
     }
     command
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_command_can_be_given_to_a_shell() {
+        let settings = ExpertSettings {
+            reward_cap: Some(4.5),
+            healthy_z_range: Some([0.4, 0.95]),
+            ..ExpertSettings::for_task("ant")
+        };
+        let want = "palr-gym expert train --env ant --set reward_cap=4.5 \
+                    --set 'healthy_z_range=[0.4,0.95]'";
+        assert_eq!(command(&settings), want);
+        assert_eq!(command(&ExpertSettings::for_task("ant")), "palr-gym expert train --env ant");
+    }
 }

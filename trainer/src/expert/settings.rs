@@ -43,8 +43,8 @@ pub struct ExpertSettings {
     /// nothing by going faster learns to fall less.
     #[serde(default)]
     pub reward_cap: Option<f64>,
-    /// Least and greatest height of the torso, the first number of an observation, beyond which what is
-    /// learnt takes the episode for ended; none: only where the task ends it. Narrower than the task's
+    /// Least and greatest height of the torso, the first number of a full observation, beyond which what
+    /// is learnt takes the episode for ended; none: only where the task ends it. Narrower than the task's
     /// own, it teaches to keep a distance from its ends.
     #[serde(default)]
     pub healthy_z_range: Option<[f64; 2]>,

@@ -42,11 +42,18 @@ writes one, with replay.safetensors beside it (hundreds of megabytes), and exits
 cost only what came after the last one. Without its replay, after a kill, a run first collects transitions
 with its policy, and may learn badly from such narrow ones for a while.
 
+A gait that falls at an imitator's smallest error is of little use to a benchmark. Settings against it, off
+unless set: perturbation and perturbation_duration (pushes on the actuators), reward_cap (the most that a
+step's reward counts for), healthy_z_range (heights beyond which nothing counts; needs the full observation),
+episode_steps (shorter episodes: more starts). They may change on the way; scenes/experts/README.md says
+what they did for ant.
+
 Examples:
   palr-gym expert train --env hopper
   palr-gym expert train --env hopper --resume
   palr-gym expert train --env ant --from scenes/experts/checkpoints/ant.safetensors
   palr-gym expert train --env walker2d --critic sac --steps 1000000 --set updates_per_step=1
+  palr-gym expert train --env ant --set reward_cap=4.5 --set 'healthy_z_range=[0.4,0.95]'
   palr-gym expert card ~/.local/state/palr-gym/experts/hopper
   palr-gym evaluate --env hopper --policy ~/.local/state/palr-gym/experts/hopper/policy.onnx")]
 pub struct ExpertTrainArguments {
