@@ -31,7 +31,7 @@ RECIPES = [
     reference.Recipe("walker2d", "tqc", 2, 1, 4, 60, 32, 24, 5, 1, actor_every=2),
     reference.Recipe("hopper", "sac", 3, 2, 6, 80, 32, 24, 25, 5, actor_average=0.25),
     reference.Recipe("halfcheetah", "sac", 4, 2, 4, 80, 32, 24, 25, 5, reward_cap=-0.2),
-    reference.Recipe("hopper", "tqc", 7, 2, 3, 80, 32, 24, 7, 2, reward_cap=1.0),
+    reference.Recipe("hopper", "tqc", 7, 2, 3, 80, 32, 24, 7, 2, reward_cap=0.5),
     reference.Recipe("ant", "sac", 8, 2, 4, 80, 32, 24, 25, 5, healthy_z_range=(0.5, 0.7)),
     reference.Recipe("hopper", "sac", 9, 3, 4, 90, 32, 24, 25, 5, episode_steps=7),
     reference.Recipe(
