@@ -25,7 +25,7 @@ def cards() -> dict[str, dict[str, Any]]:
 def table() -> str:
     """All cards as Markdown."""
     head = [f"| {' | '.join(_HEAD)} |", f"|{'---|' * len(_HEAD)}"]
-    return "\n".join([*head, *(_row(task, card) for task, card in cards().items())])
+    return "\n".join([*head, *(row(task, card) for task, card in cards().items())])
 
 
 def with_table(readme: str) -> str:
@@ -33,7 +33,8 @@ def with_table(readme: str) -> str:
     return with_part(readme, "cards", table())
 
 
-def _row(task: str, card: dict[str, Any]) -> str:
+def row(task: str, card: dict[str, Any]) -> str:
+    """One card as a line of the table."""
     hours = card["wall_time_s"] / 3600
     cells = [
         f"`{task}`",
@@ -61,7 +62,10 @@ def made_by(card: dict[str, Any]) -> str:
 def _fitness(fitness: dict[str, Any] | None) -> str:
     if fitness is None:
         return "not tried"
-    return f"{100 * fitness['share_of_expert']:.0f} %, {_spaced(fitness['steps'])} steps"
+    share = f"{100 * fitness['share_of_expert']:.0f}"
+    if (error := fitness.get("share_standard_error")) is not None:
+        share += f" ± {100 * error:.0f}"
+    return f"{share} %, {_spaced(fitness['steps'])} steps"
 
 
 def _spaced(count: int) -> str:

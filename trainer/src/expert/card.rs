@@ -126,9 +126,7 @@ pub async fn measure(client: &Client, folder: &Path, episodes: u32) -> Result<Ca
         .map_err(|error| ClientError::file(folder.join(MANIFEST_FILE), error))?;
     let identity = |name: &str| {
         let bytes = read(name)?;
-        let digest = Sha256::digest(&bytes);
-        let sha256 = digest.iter().map(|byte| format!("{byte:02x}")).collect();
-        Ok::<_, ClientError>(FileIdentity { bytes: bytes.len(), sha256 })
+        Ok::<_, ClientError>(FileIdentity { bytes: bytes.len(), sha256: sha256(&bytes) })
     };
     let (onnx, safetensors) = (identity(ONNX_FILE)?, identity(SAFETENSORS_FILE)?);
     let restored = checkpoint::read(&folder.join(CHECKPOINT_FILE))?;
@@ -172,6 +170,11 @@ pub async fn measure(client: &Client, folder: &Path, episodes: u32) -> Result<Ca
         safetensors,
         fitness,
     })
+}
+
+/// SHA-256 of `bytes`, 64 hexadecimal digits.
+pub(crate) fn sha256(bytes: &[u8]) -> String {
+    Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 /// The command line that says what differs from the task's defaults.

@@ -12,7 +12,8 @@ use super::ServerArguments;
 #[command(after_help = "\
 Examples:
   palr-gym expert train --env hopper
-  palr-gym expert card ~/.local/state/palr-gym/experts/hopper")]
+  palr-gym expert card ~/.local/state/palr-gym/experts/hopper
+  palr-gym expert imitate --env hopper")]
 pub struct ExpertArguments {
     #[command(subcommand)]
     pub command: ExpertCommand,
@@ -25,6 +26,8 @@ pub enum ExpertCommand {
     Train(ExpertTrainArguments),
     /// Measure the best policy of a run and write its model card.
     Card(ExpertCardArguments),
+    /// Measure how well plain behaviour cloning imitates an expert.
+    Imitate(ExpertImitateArguments),
     /// Draw how the returns of experts grew.
     Plot(ExpertPlotArguments),
 }
@@ -129,8 +132,8 @@ Writes card.json into the folder: command, settings, curve, wall time, checksums
 the mean and of the sampled action over episodes that chose nothing.
 
 With --imitate, also whether the expert is fit for a benchmark: plain behaviour cloning of 30 000 of its
-sampled transitions, on full observations, should reach 90 % of its return. The imitator is trained and
-measured in the folder imitation/; Ctrl-C stops it and the same command goes on.
+sampled transitions, on full observations, should reach 90 % of its return. The imitators are trained and
+measured in the folder imitation/; Ctrl-C stops that and the same command goes on.
 
 Examples:
   palr-gym expert card ~/.local/state/palr-gym/experts/hopper --episodes 100
@@ -139,18 +142,67 @@ pub struct ExpertCardArguments {
     /// The run's folder.
     #[arg(value_name = "FOLDER")]
     pub folder: PathBuf,
-    /// Episodes, for the mean action and for sampled ones (and for the imitator).
+    /// Episodes, for the mean action and for sampled ones (and for each imitator).
     #[arg(long, value_name = "N", default_value_t = 100)]
     pub episodes: u32,
-    /// Train an imitator too and state what it reaches.
+    /// Train imitators too and state what they reach.
     #[arg(long)]
     pub imitate: bool,
+    /// How many, with the seeds 0, 1, .. (of the recording and of the training).
+    #[arg(long, value_name = "N", default_value_t = 3, requires = "imitate",
+          value_parser = clap::value_parser!(u32).range(1..))]
+    pub imitators: u32,
     /// Steps of behaviour cloning.
     #[arg(long, value_name = "N", default_value_t = 20_000, requires = "imitate")]
     pub imitation_steps: u64,
     #[command(flatten)]
     pub server: ServerArguments,
     /// Print the card as JSON.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `palr-gym expert imitate`
+#[derive(Debug, Args)]
+#[command(after_help = "\
+An expert is fit for a benchmark if plain behaviour cloning of 30 000 of its sampled transitions, on full
+observations, reaches 90 % of its return: else its gait is too brittle to tell methods apart. Imitators
+differ, so there are several; each has a recording and a training of its own. Name the bare task, such as
+ant: what a stack shows is not the full observation.
+
+Recordings and runs stay in the folder: Ctrl-C stops, and the same command goes on. Each run there is a
+policy for `palr-gym evaluate` and `palr-gym render`.
+
+Examples:
+  palr-gym expert imitate --env hopper
+  palr-gym expert imitate --env ant --imitators 5 --steps 100000
+  palr-gym expert imitate --env hopper --policy mine.onnx --json")]
+pub struct ExpertImitateArguments {
+    /// Environment, such as hopper.
+    #[arg(long, value_name = "ID")]
+    pub env: String,
+    /// Who is imitated: expert, an ONNX file, or the folder of a finished run.
+    #[arg(long, value_name = "POLICY", default_value = "expert")]
+    pub policy: String,
+    /// How many imitators, with the seeds 0, 1, .. (of the recording and of the training).
+    #[arg(long, value_name = "N", default_value_t = 3,
+          value_parser = clap::value_parser!(u32).range(1..))]
+    pub imitators: u32,
+    /// Sampled transitions that each learns from.
+    #[arg(long, value_name = "N", default_value_t = 30_000)]
+    pub transitions: u64,
+    /// Steps of behaviour cloning.
+    #[arg(long, value_name = "N", default_value_t = 20_000)]
+    pub steps: u64,
+    /// Episodes that the expert and each imitator are measured on.
+    #[arg(long, value_name = "N", default_value_t = 100)]
+    pub episodes: u32,
+    /// Where they live [default: $XDG_STATE_HOME/palr-gym/imitations/ID].
+    #[arg(long, value_name = "FOLDER")]
+    pub out: Option<PathBuf>,
+    #[command(flatten)]
+    pub server: ServerArguments,
+    /// Print the result as JSON.
     #[arg(long)]
     pub json: bool,
 }

@@ -1,5 +1,6 @@
 //! `palr-gym expert`
 
+mod imitate;
 mod plot;
 
 use std::io::IsTerminal;
@@ -8,8 +9,10 @@ use std::sync::Arc;
 
 use anyhow::Context;
 use indicatif::ProgressBar;
+use palr_gym_trainer::PolicySource;
 use palr_gym_trainer::expert::card::{CARD_FILE, Card, measure};
-use palr_gym_trainer::expert::fitness::{FitnessOptions, fitness};
+use palr_gym_trainer::expert::fitness::{FOLDER, FitnessOptions, Imitated};
+use palr_gym_trainer::expert::run::ONNX_FILE;
 use palr_gym_trainer::expert::{Event, ExpertRun, ExpertSettings, Outcome};
 use palr_gym_trainer::learning::TrainError;
 use palr_gym_trainer::learning::config::from_json;
@@ -21,7 +24,6 @@ use crate::cli::expert::{
     ExpertArguments, ExpertCardArguments, ExpertCommand, ExpertTrainArguments,
 };
 use crate::interrupt::{Interrupted, stop_on_signals};
-use crate::watch::Watch;
 use crate::{backend, build, output, progress};
 
 /// Does what is asked about experts.
@@ -29,6 +31,7 @@ pub async fn run(arguments: ExpertArguments) -> anyhow::Result<()> {
     match arguments.command {
         ExpertCommand::Train(arguments) => train(arguments).await,
         ExpertCommand::Card(arguments) => card(arguments).await,
+        ExpertCommand::Imitate(arguments) => imitate::run(arguments).await,
         ExpertCommand::Plot(arguments) => plot::run(&arguments),
     }
 }
@@ -112,23 +115,19 @@ async fn card(arguments: ExpertCardArguments) -> anyhow::Result<()> {
     let mut card = write_card(&client, folder, episodes).await?;
     if arguments.imitate {
         let options = FitnessOptions {
+            transitions: FitnessOptions::TRANSITIONS,
             steps: arguments.imitation_steps,
             episodes,
-            ..FitnessOptions::default()
         };
-        let (sender, receiver) = unbounded_channel();
-        let watch = Watch::new("imitator", options.steps, arguments.json);
-        let watching = tokio::spawn(watch.follow(receiver));
-        let expert = (&card.deterministic, card.onnx.sha256.as_str());
-        let run = (build::GIT_REVISION, stop_on_signals(), sender);
-        let measured = fitness(&client, folder, &card.env, expert, options, run).await;
-        // It ends with the run.
-        let _ = watching.await;
-        card.fitness = measured?;
-        if card.fitness.is_none() {
-            let message = "stopped; the same command goes on with the imitator".to_owned();
-            return Err(Interrupted { message }.into());
-        }
+        let imitated = Imitated {
+            env: card.env.clone(),
+            policy: PolicySource::File(folder.join(ONNX_FILE)),
+            onnx_sha256: card.onnx.sha256.clone(),
+            reached: card.deterministic.clone(),
+        };
+        let count = (arguments.imitators, arguments.json);
+        let home = folder.join(FOLDER);
+        card.fitness = Some(imitate::fitness(&client, &imitated, &home, options, count).await?);
         save_card(folder, &card)?;
     }
     if arguments.json {
@@ -163,15 +162,7 @@ fn print_card(folder: &Path, card: &Card) {
         );
     }
     if let Some(fitness) = &card.fitness {
-        println!(
-            "{}: imitator ({} transitions, {} steps of behaviour cloning): return {:.1}, {:.0} % of the \
-             expert's",
-            folder.display(),
-            fitness.transitions,
-            fitness.steps,
-            fitness.imitator.return_mean,
-            100.0 * fitness.share_of_expert,
-        );
+        println!("{}: {}", folder.display(), imitate::sentence(fitness));
     }
 }
 
