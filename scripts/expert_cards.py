@@ -12,7 +12,7 @@ from documents import with_part
 EXPERTS = Path(__file__).resolve().parent.parent / "scenes" / "experts"
 
 _HEAD = [
-    *("expert", "mean action", "sampled", "imitator", "made by"),
+    *("expert", "mean action", "sampled", "imitators", "made by"),
     *("transitions, updates, hours", "sha256 of the ONNX"),
 ]
 
