@@ -20,6 +20,17 @@ pub struct TestServer {
     stop: Option<oneshot::Sender<()>>,
     running: JoinHandle<bool>,
     _folder: TempDir,
+    _leaving: Leaving,
+}
+
+/// Once it is gone, threads that drew leave their OpenGL contexts to the system, as in the program: one
+/// that frees its own while the test's process exits crashes.
+struct Leaving;
+
+impl Drop for Leaving {
+    fn drop(&mut self) {
+        palr_gym_sim::threads::before_exit();
+    }
 }
 
 impl TestServer {
@@ -41,6 +52,7 @@ impl TestServer {
             stop: Some(stop),
             running,
             _folder: folder,
+            _leaving: Leaving,
         }
     }
 
