@@ -74,6 +74,12 @@ def test_an_imitator_is_what_collect_train_and_evaluate_make(tmp_path: Path) -> 
     alone = run(*imitate(tmp_path / "alone", policy=file, imitators=1))
     assert alone["imitators"] == report["imitators"][:1]
     assert alone["share_standard_error"] is None
+    # Other imitators in the same folder are others, and leave those that are there alone.
+    shorter = run(*imitate(tmp_path / "at-once", steps=60, imitators=1))
+    assert shorter["imitators"] != alone["imitators"]
+    fewer = run(*imitate(tmp_path / "at-once", transitions=1100, imitators=1))
+    assert fewer["imitators"] != alone["imitators"]
+    assert run(*imitate(tmp_path / "at-once")) == report
 
 
 def test_what_was_stopped_goes_on_with_the_same_command(tmp_path: Path) -> None:
@@ -81,7 +87,7 @@ def test_what_was_stopped_goes_on_with_the_same_command(tmp_path: Path) -> None:
     line = [str(binary()), *imitate(tmp_path / "stopped", steps=400)]
     stopped = subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     deadline = time.monotonic() + 60
-    while not list((tmp_path / "stopped").glob("*/bc-1/run.json")):
+    while not list((tmp_path / "stopped").glob("*/bc-1500-400-1/run.json")):
         assert stopped.poll() is None, "ended early"
         assert time.monotonic() < deadline
         time.sleep(0.01)

@@ -172,7 +172,8 @@ pub async fn imitator(
         "steps": steps,
         "seed": seed,
     });
-    let run_folder = own.join(format!("bc-{seed}"));
+    // Another amount of data or of training: another imitator, not this one gone on with.
+    let run_folder = own.join(format!("bc-{transitions}-{steps}-{seed}"));
     let imitation = if run_folder.join(RUN_MANIFEST).exists() {
         let change = |stored: Value| Settings::from_layers(&[stored, layer]);
         Imitation::resume(client, Run::open(&run_folder)?, change).await?
