@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import expert_cards
+from support.onnx_policies import linear_policy
 from support.server_process import ROOT, binary
 
 # First of the episodes of a card.
@@ -140,3 +141,14 @@ def test_wrong_requests_are_named(
     assert done.returncode in (1, 64)
     assert complaint in done.stderr
     assert "panicked" not in done.stderr
+
+
+def test_there_is_no_share_of_a_loss(tmp_path: Path) -> None:
+    policy = tmp_path / "shaking.onnx"
+    policy.write_bytes(linear_policy(np.full((17, 6), 5, dtype=np.float32)))
+    out = tmp_path / "imitators"
+    line = [str(binary()), *imitate(out, env="halfcheetah", policy=policy)]
+    done = subprocess.run(line, capture_output=True, text=True, check=False, timeout=60)
+    assert done.returncode == 1
+    assert "a share of that means nothing; expected a policy that returns more" in done.stderr
+    assert not out.exists()

@@ -8,6 +8,7 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use palr_gym_core::ActionMode;
+use palr_gym_core::score::{mean, standard_error};
 use palr_gym_proto::v1::collect_request::Amount;
 use palr_gym_proto::v1::policy::Policy;
 use serde::{Deserialize, Serialize};
@@ -55,6 +56,8 @@ pub struct FitnessOptions {
 impl FitnessOptions {
     /// As many transitions as the paper's experiments have.
     pub const TRANSITIONS: u64 = 30_000;
+    /// Steps that are enough for most experts.
+    pub const STEPS: u64 = 20_000;
 }
 
 /// What imitators of full observations reached.
@@ -118,15 +121,11 @@ impl Fitness {
     #[must_use]
     pub fn of(imitated: &Imitated, options: FitnessOptions, imitators: Vec<Imitator>) -> Self {
         let shares: Vec<f64> = imitators.iter().map(|imitator| imitator.share_of_expert).collect();
-        let count = shares.len() as f64;
-        let mean = shares.iter().sum::<f64>() / count;
-        let squares = shares.iter().map(|share| (share - mean).powi(2)).sum::<f64>();
         Self {
             transitions: options.transitions,
             steps: options.steps,
-            share_of_expert: mean,
-            share_standard_error: (shares.len() > 1)
-                .then(|| (squares / (count - 1.0) / count).sqrt()),
+            share_of_expert: mean(&shares),
+            share_standard_error: (shares.len() > 1).then(|| standard_error(&shares)),
             imitators,
             onnx_sha256: imitated.onnx_sha256.clone(),
         }

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
+use palr_gym_trainer::expert::fitness::FitnessOptions;
 use serde_json::{Value, json};
 
 use super::ServerArguments;
@@ -154,7 +155,7 @@ pub struct ExpertCardArguments {
           value_parser = clap::value_parser!(u32).range(1..))]
     pub imitators: u32,
     /// Steps of behaviour cloning.
-    #[arg(long, value_name = "N", default_value_t = 20_000, requires = "imitate")]
+    #[arg(long, value_name = "N", default_value_t = FitnessOptions::STEPS, requires = "imitate")]
     pub imitation_steps: u64,
     #[command(flatten)]
     pub server: ServerArguments,
@@ -190,10 +191,10 @@ pub struct ExpertImitateArguments {
           value_parser = clap::value_parser!(u32).range(1..))]
     pub imitators: u32,
     /// Sampled transitions that each learns from.
-    #[arg(long, value_name = "N", default_value_t = 30_000)]
+    #[arg(long, value_name = "N", default_value_t = FitnessOptions::TRANSITIONS)]
     pub transitions: u64,
     /// Steps of behaviour cloning.
-    #[arg(long, value_name = "N", default_value_t = 20_000)]
+    #[arg(long, value_name = "N", default_value_t = FitnessOptions::STEPS)]
     pub steps: u64,
     /// Episodes that the expert and each imitator are measured on.
     #[arg(long, value_name = "N", default_value_t = 100)]

@@ -69,6 +69,15 @@ pub async fn fitness(
     options: FitnessOptions,
     (count, is_quiet): (u32, bool),
 ) -> anyhow::Result<Fitness> {
+    let expert_return = imitated.reached.return_mean;
+    if expert_return <= 0.0 {
+        bail!(
+            "{} returns {expert_return:.1} in {}, and a share of that means nothing; expected a policy \
+             that returns more than 0",
+            imitated.policy,
+            imitated.env
+        );
+    }
     let is_stopped = stop_on_signals();
     let mut imitators = Vec::new();
     for seed in 0..u64::from(count) {
